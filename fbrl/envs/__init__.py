@@ -1,0 +1,1 @@
+"""Football matches as Gymnasium environments."""

@@ -1,0 +1,1 @@
+"""Proximal policy optimisation on TorchRL's collector, advantage estimator and loss."""

@@ -1,0 +1,1 @@
+"""TorchRL transforms for rewards and observations; usable without gfootball installed."""
