@@ -1,1 +1,36 @@
-"""Football matches as Gymnasium environments."""
+"""Football matches as Gymnasium environments, and their assembly with transforms.
+
+Importing this package imports neither gfootball nor TorchRL; making an environment does.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from fbrl.envs.engine import EngineNotInstalledError
+from fbrl.envs.football import FootballEnv, FootballVectorEnv
+from fbrl.envs.observation import OBSERVATION_SPACE
+from fbrl.envs.scenarios import SCENARIOS, Scenario, UnknownScenarioError
+
+if TYPE_CHECKING:
+    from fbrl.envs.factory import make_env
+
+__all__ = [
+    "OBSERVATION_SPACE",
+    "SCENARIOS",
+    "EngineNotInstalledError",
+    "FootballEnv",
+    "FootballVectorEnv",
+    "Scenario",
+    "UnknownScenarioError",
+    "make_env",
+]
+
+
+def __getattr__(name: str) -> Any:
+    # TorchRL takes seconds to import, which plain Gymnasium users need not wait for.
+    if name == "make_env":
+        from fbrl.envs.factory import make_env
+
+        return make_env
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

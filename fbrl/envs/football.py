@@ -1,0 +1,297 @@
+"""Football matches as Gymnasium environments: one match, or many in a pool of threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from fbrl.envs.engine import FIRST_EPISODE, MAX_SEED, NUM_ACTIONS, Match
+from fbrl.envs.observation import (
+    Observation,
+    empty_rows,
+    pad_players,
+    select_space,
+    split_rows,
+)
+from fbrl.envs.scenarios import check_scenario
+
+Result = TypeVar("Result")
+
+# gfootball draws its own seeds from this range: scenario_builder.py.
+_LARGEST_DRAWN_SEED = 2_000_000_000
+
+
+def _check_seed(seed: Any) -> int:
+    if not isinstance(seed, (int, np.integer)) or not 0 <= seed <= MAX_SEED:
+        raise ValueError(f"Seed {seed!r} is not an integer in [0, {MAX_SEED}].")
+    return int(seed)
+
+
+def _draw_seed(np_random: np.random.Generator) -> int:
+    return int(np_random.integers(_LARGEST_DRAWN_SEED, endpoint=True))
+
+
+class FootballEnv(gymnasium.Env[Observation, np.int64]):
+    """One match in which the agent plays the controlled player of the left team.
+
+    Also made by ``gymnasium.make("fbrl/<scenario>-v0")`` once :mod:`fbrl` is imported.
+
+    Args:
+        scenario: A name in :data:`fbrl.envs.SCENARIOS`, or of one's own scenario module.
+        observation_keys: Keys to observe, all of them by default: a smaller observation is
+            faster. See :mod:`fbrl.envs.observation` for their meaning.
+
+    Raises:
+        UnknownScenarioError: There is no such scenario.
+        EngineNotInstalledError: gfootball is missing.
+
+    The action is an index into gfootball's default action set of 19; a step plays 100 ms. The
+    reward is the change of the goal difference. ``terminated`` says that a rule of the scenario
+    ended the episode, ``truncated`` that its time limit did.
+
+    ``reset(seed=s)`` starts an episode whose engine seed is exactly ``s``, with the left team
+    to kick off; later resets draw fresh engine seeds from the environment's ``np_random`` and
+    alternate the kick-off. ``info["engine_seed"]`` names the seed after a reset. Python's
+    global random state is neither read nor changed.
+
+    Examples:
+        >>> env = FootballEnv("academy_empty_goal_close")
+        >>> observation, info = env.reset(seed=1)
+        >>> observation, reward, terminated, truncated, info = env.step(5)
+        >>> observation["ball"].shape
+        (3,)
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (the base class's type)
+
+    def __init__(self, scenario: str, observation_keys: Iterable[str] | None = None) -> None:
+        self.scenario = check_scenario(scenario)
+        self.observation_space: spaces.Dict = select_space(observation_keys)
+        self.action_space = spaces.Discrete(NUM_ACTIONS)
+        self._match = Match(scenario)
+        self._rows = empty_rows(1)
+        self._episode_number = FIRST_EPISODE - 1
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts an episode.
+
+        Args:
+            seed: Engine seed of this episode, in [0, 2**32 - 1]; it also seeds ``np_random``.
+            options: None are known.
+
+        Raises:
+            ValueError: The seed is out of range.
+        """
+        engine_seed = None if seed is None else _check_seed(seed)
+        super().reset(seed=engine_seed)
+        if engine_seed is None:
+            engine_seed = _draw_seed(self.np_random)
+            self._episode_number += 1
+        else:
+            self._episode_number = FIRST_EPISODE
+        self._match.reset(engine_seed, self._episode_number)
+        pad_players(self._rows)
+        return self._observe(), {"engine_seed": engine_seed}
+
+    def step(
+        self, action: int | np.integer[Any]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Plays one step.
+
+        Args:
+            action: In [0, 18].
+
+        Raises:
+            ValueError: The action is out of range.
+            RuntimeError: The episode has not begun or has ended.
+        """
+        if not self.action_space.contains(action):
+            raise ValueError(f"Action {action!r} is not an integer in [0, {NUM_ACTIONS - 1}].")
+        result = self._match.step(int(action))
+        return self._observe(), float(result.reward), result.terminated, result.truncated, {}
+
+    def _observe(self) -> Observation:
+        self._match.read(self._rows[0])
+        return split_rows(self._rows[0], self.observation_space)
+
+    def close(self) -> None:
+        """Hands the engine on to the next match of this process."""
+        self._match.close()
+
+
+class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
+    """Several independent matches of one scenario, stepped by a pool of threads.
+
+    The engine releases the GIL while it computes, so threads of one process are as parallel as
+    processes, with no pickling, no copies between processes and less memory. Match i plays
+    exactly what a :class:`FootballEnv` with the same seed and actions plays.
+
+    Args:
+        scenario: As for :class:`FootballEnv`.
+        num_envs: Number of matches.
+        num_threads: Threads that step them; by default one for each available core, at most
+            ``num_envs``.
+        observation_keys: As for :class:`FootballEnv`.
+
+    Raises:
+        ValueError: ``num_envs`` or ``num_threads`` is not positive.
+        UnknownScenarioError: There is no such scenario.
+        EngineNotInstalledError: gfootball is missing.
+
+    Matches do not start again by themselves (``AutoresetMode.DISABLED``): after an episode's
+    end, call ``reset(options={"reset_mask": mask})``. TorchRL's ``GymWrapper`` does so. With
+    any other mode TorchRL would lose the last state of each episode.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (the base class's type)
+        "autoreset_mode": AutoresetMode.DISABLED,
+        "render_modes": [],
+    }
+
+    def __init__(
+        self,
+        scenario: str,
+        num_envs: int = 1,
+        num_threads: int | None = None,
+        observation_keys: Iterable[str] | None = None,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs}; at least 1 match is needed.")
+        if num_threads is not None and num_threads < 1:
+            raise ValueError(f"num_threads is {num_threads}; at least 1 thread is needed.")
+        self.scenario = check_scenario(scenario)
+        self.num_envs = num_envs
+        # TorchRL's GymWrapper asks the instance, not its metadata.
+        self.autoreset_mode = AutoresetMode.DISABLED
+        self.single_observation_space: spaces.Dict = select_space(observation_keys)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.single_action_space = spaces.Discrete(NUM_ACTIONS)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._matches = [Match(scenario) for _ in range(num_envs)]
+        self._rows = empty_rows(num_envs)
+        self._np_randoms = [seeding.np_random()[0] for _ in range(num_envs)]
+        self._episode_numbers = [FIRST_EPISODE - 1] * num_envs
+        self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
+        self._pool = ThreadPoolExecutor(self.num_threads, thread_name_prefix="match")
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts an episode in all matches, or in those of a mask.
+
+        Args:
+            seed: One integer, from which an independent seed for each match is spawned; or a
+                seed for each match, which are then its engine seeds.
+            options: ``{"reset_mask": mask}`` with a boolean array of shape (num_envs,) resets
+                only the matches where it is true; the others are observed as they stand.
+
+        Raises:
+            ValueError: A seed is out of range, or the mask or the seeds have another length.
+        """
+        mask = self._check_mask((options or {}).get("reset_mask"))
+        seeds = self._spread_seed(seed)
+        chosen = np.flatnonzero(mask).tolist()
+        # Seeds are drawn here, in order, so that they don't depend on the threads' timing.
+        engine_seeds = [self._next_episode(index, seeds[index]) for index in chosen]
+        self._in_threads(self._reset_match, chosen, engine_seeds)
+        info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
+        info["engine_seed"][chosen] = engine_seeds
+        return split_rows(self._rows, self.single_observation_space), info
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Plays one step in every match.
+
+        Args:
+            actions: Integers in [0, 18], shape (num_envs,).
+
+        Raises:
+            ValueError: The actions have another shape, dtype or range.
+            RuntimeError: A match has not begun or has ended.
+        """
+        actions = self._check_actions(actions)
+        results = self._in_threads(self._step_match, range(self.num_envs), actions.tolist())
+        return (
+            split_rows(self._rows, self.single_observation_space),
+            np.array([result.reward for result in results], np.float32),
+            np.array([result.terminated for result in results]),
+            np.array([result.truncated for result in results]),
+            {},
+        )
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Ends the threads and hands the engines on to the next matches of this process."""
+        self._pool.shutdown()
+        for match in self._matches:
+            match.close()
+
+    def _in_threads(self, function: Callable[..., Result], *arguments: Iterable) -> list[Result]:
+        return list(self._pool.map(function, *arguments))
+
+    def _reset_match(self, index: int, engine_seed: int) -> None:
+        match = self._matches[index]
+        match.reset(engine_seed, self._episode_numbers[index])
+        pad_players(self._rows[index])
+        match.read(self._rows[index])
+
+    def _step_match(self, index: int, action: int) -> Any:
+        match = self._matches[index]
+        result = match.step(action)
+        match.read(self._rows[index])
+        return result
+
+    def _next_episode(self, index: int, seed: int | None) -> int:
+        """Counts the episode of a match and returns its engine seed."""
+        if seed is not None:
+            self._np_randoms[index] = seeding.np_random(seed)[0]
+            self._episode_numbers[index] = FIRST_EPISODE
+            return seed
+        self._episode_numbers[index] += 1
+        return _draw_seed(self._np_randoms[index])
+
+    def _spread_seed(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, (int, np.integer)):
+            children = np.random.SeedSequence(_check_seed(seed)).spawn(self.num_envs)
+            return [int(child.generate_state(1)[0]) for child in children]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"There are {len(seed)} seeds for {self.num_envs} matches.")
+        return [None if one is None else _check_seed(one) for one in seed]
+
+    def _check_mask(self, mask: Any) -> np.ndarray:
+        if mask is None:
+            return np.ones(self.num_envs, bool)
+        mask = np.asarray(mask)
+        if mask.shape != (self.num_envs,) or mask.dtype != bool:
+            raise ValueError(
+                f"reset_mask has shape {mask.shape} and dtype {mask.dtype}; it must be boolean "
+                f"of shape ({self.num_envs},)."
+            )
+        return mask
+
+    def _check_actions(self, actions: Any) -> np.ndarray:
+        actions = np.asarray(actions)
+        if actions.shape != (self.num_envs,) or not np.issubdtype(actions.dtype, np.integer):
+            raise ValueError(
+                f"Actions have shape {actions.shape} and dtype {actions.dtype}; they must be "
+                f"integers of shape ({self.num_envs},)."
+            )
+        if actions.min() < 0 or actions.max() >= NUM_ACTIONS:
+            raise ValueError(f"Actions {actions.tolist()} are not all in [0, {NUM_ACTIONS - 1}].")
+        return actions
