@@ -1,0 +1,128 @@
+"""The grid of the Super Mini Map: which cell a point lies in, and cells drawn as planes."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import torch
+
+__all__ = [
+    "ABSENT",
+    "CELLS_PER_FRAME",
+    "NUM_CELLS",
+    "SMM_HEIGHT",
+    "SMM_LAYERS",
+    "SMM_WIDTH",
+    "cells_to_planes",
+    "frame_cells",
+]
+
+SMM_WIDTH = 96
+SMM_HEIGHT = 72
+NUM_CELLS = SMM_HEIGHT * SMM_WIDTH
+SMM_LAYERS = ("left_team", "right_team", "ball", "active")
+CELLS_PER_FRAME = 24
+ABSENT = -1
+"""Cell index of a player who isn't there."""
+
+_LAYER_OF_CELL = (0,) * 11 + (1,) * 11 + (2, 3)
+
+
+def frame_cells(
+    left_team: torch.Tensor,
+    right_team: torch.Tensor,
+    ball: torch.Tensor,
+    active: torch.Tensor,
+    left_team_roles: torch.Tensor,
+    right_team_roles: torch.Tensor,
+) -> torch.Tensor:
+    """Finds the cells that gfootball's ``generate_smm`` marks for one frame.
+
+    Args:
+        left_team: positions, floating point of shape ``(*batch, 11, 2)``. They must be finite;
+            outside the grid they count as its nearest cell.
+        right_team: likewise.
+        ball: its position, ``(*batch, 3)``.
+        active: index of the active player in the left team, or -1 for none, ``(*batch,)``.
+        left_team_roles: ``(*batch, 11)``, where -1 marks a player who isn't there.
+        right_team_roles: likewise.
+
+    Returns:
+        int16 of shape ``(*batch, 24)``: the cells ``row * 96 + column`` of 11 left players, 11
+        right players, the ball and the active player; -1 for those who aren't there.
+    """
+    low, extent, size, last = _grid(ball.device)
+    points = torch.cat([left_team, right_team, ball[..., None, :2]], -2)
+    # gfootball computes with Python's 64-bit floats; 32 bits round points onto the next cell.
+    columns_rows = ((points.double() - low) / extent * size).clamp_(min=last.new_zeros(2), max=last)
+    columns_rows = columns_rows.to(torch.int16)
+    cells = torch.add(columns_rows[..., 0], columns_rows[..., 1], alpha=SMM_WIDTH)
+    absent = torch.cat([left_team_roles, right_team_roles], -1) < 0
+    cells[..., :22].masked_fill_(absent, ABSENT)
+    frame = torch.nn.functional.pad(cells, (0, 1), value=ABSENT)
+    # An active player of -1 reads the last entry, which is ABSENT.
+    frame[..., 23:] = frame.gather(-1, active.long().unsqueeze(-1) % CELLS_PER_FRAME)
+    return frame
+
+
+def cells_to_planes(
+    cells: torch.Tensor, dtype: torch.dtype = torch.uint8, *, channels_last: bool = False
+) -> torch.Tensor:
+    """Draws minimap cells as planes, on the device of the cells.
+
+    Args:
+        cells: int16 of shape ``(*batch, frames, 24)``, as :class:`MiniMapCells` writes them.
+        dtype: of the planes. A marked cell is 255 in uint8, and 1 in floating point.
+        channels_last: whether the channels lie innermost in memory. The shape stays the same.
+
+    Returns:
+        Planes of shape ``(*batch, frames * 4, 72, 96)``.
+
+    Examples:
+        >>> cells = torch.full((2, 4, 24), -1, dtype=torch.int16)
+        >>> cells[..., 23] = 95
+        >>> planes = cells_to_planes(cells, torch.float32, channels_last=True)
+        >>> planes.shape, planes[:, 3, 0, 95].tolist(), planes.sum().item()
+        (torch.Size([2, 16, 72, 96]), [1.0, 1.0], 8.0)
+    """
+    if cells.ndim < 2 or cells.shape[-1] != CELLS_PER_FRAME or cells.dtype != torch.int16:
+        raise ValueError(
+            f"cells_to_planes: cells are {cells.dtype} of shape {tuple(cells.shape)}, but must be "
+            f"torch.int16 of shape (*batch, frames, {CELLS_PER_FRAME}). MiniMapCells makes them."
+        )
+    batch, frames = cells.shape[:-2], cells.shape[-2]
+    channels = frames * len(SMM_LAYERS)
+    size = batch.numel() * channels * NUM_CELLS
+    flat_cells = cells.reshape(-1, frames, CELLS_PER_FRAME)
+    sample = torch.arange(batch.numel(), device=cells.device)[:, None, None]
+    channel = _channels_of_cells(frames, cells.device)
+    if channels_last:
+        index = (sample * NUM_CELLS + flat_cells) * channels + channel
+    else:
+        index = (sample * channels + channel) * NUM_CELLS + flat_cells
+    # One element more than the planes need: absent players are drawn there, not masked out, so
+    # that the number of indices doesn't depend on the data, which would make a GPU wait.
+    index = torch.where(flat_cells < 0, size, index)
+    planes = torch.zeros(size + 1, dtype=dtype, device=cells.device)
+    planes.index_fill_(0, index.flatten(), 1 if dtype.is_floating_point else 255)
+    if channels_last:
+        return planes[:size].view(*batch, SMM_HEIGHT, SMM_WIDTH, channels).movedim(-1, -3)
+    return planes[:size].view(*batch, channels, SMM_HEIGHT, SMM_WIDTH)
+
+
+@lru_cache
+def _grid(device: torch.device) -> tuple[torch.Tensor, ...]:
+    # As tensors on the device, since a GPU divides by a Python number through its reciprocal.
+    y_min, y_max = -1.0 / 2.25, 1.0 / 2.25
+    low, extent = [-1.0, y_min], [2.0, y_max - y_min]
+    size, last = [SMM_WIDTH, SMM_HEIGHT], [SMM_WIDTH - 1, SMM_HEIGHT - 1]
+    return tuple(
+        torch.tensor(values, dtype=torch.float64, device=device)
+        for values in (low, extent, size, last)
+    )
+
+
+@lru_cache
+def _channels_of_cells(frames: int, device: torch.device) -> torch.Tensor:
+    layers = torch.tensor(_LAYER_OF_CELL, device=device)
+    return torch.arange(frames, device=device)[:, None] * len(SMM_LAYERS) + layers

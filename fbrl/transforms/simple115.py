@@ -1,0 +1,144 @@
+"""gfootball's ``simple115v2`` vector."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torchrl.data import Composite, Unbounded
+from torchrl.envs import Transform
+
+from fbrl.transforms.raw_observation import read_fields
+
+__all__ = ["Simple115"]
+
+_FIELDS = (
+    "left_team",
+    "left_team_direction",
+    "right_team",
+    "right_team_direction",
+    "ball",
+    "ball_direction",
+    "ball_owned_team",
+    "active",
+    "game_mode",
+)
+
+
+class Simple115(Transform):
+    """The match as 115 numbers: gfootball's ``simple115v2``.
+
+    Writes ``simple115``, a float32 tensor of shape ``(*batch, 115)``:
+
+    ======== ====================================================================
+    0:22     positions of the left team, x and y of each player
+    22:44    directions of the left team
+    44:66    positions of the right team
+    66:88    directions of the right team
+    88:91    position of the ball
+    91:94    direction of the ball
+    94:97    who has the ball, one-hot: nobody, left, right
+    97:108   the active player, one-hot; all zero where there is none
+    108:115  game mode, one-hot
+    ======== ====================================================================
+
+    Players who aren't there keep the -1 that the raw observation pads them with.
+
+    Args:
+        in_keys: where to find ``left_team``, ``left_team_direction``, ``right_team``,
+            ``right_team_direction``, ``ball``, ``ball_direction``, ``ball_owned_team``, ``active``
+            and ``game_mode``, in this order.
+        out_keys: where to write the vector.
+
+    Examples:
+        >>> import torch
+        >>> from tensordict import TensorDict
+        >>> match = TensorDict(
+        ...     left_team=torch.zeros(11, 2),
+        ...     left_team_direction=torch.zeros(11, 2),
+        ...     right_team=torch.full((11, 2), -1.0),
+        ...     right_team_direction=torch.full((11, 2), -1.0),
+        ...     ball=torch.tensor([0.5, 0.25, 0.125]),
+        ...     ball_direction=torch.zeros(3),
+        ...     ball_owned_team=torch.tensor(0),
+        ...     active=torch.tensor(2),
+        ...     game_mode=torch.tensor(6),
+        ... )
+        >>> Simple115()(match)["simple115"][88:].nonzero().flatten().add(88).tolist()
+        [88, 89, 90, 95, 99, 114]
+    """
+
+    def __init__(
+        self,
+        in_keys: Sequence[NestedKey] | None = None,
+        out_keys: Sequence[NestedKey] | None = None,
+    ) -> None:
+        super().__init__(in_keys=in_keys or list(_FIELDS), out_keys=out_keys or ["simple115"])
+        if len(self.in_keys) != len(_FIELDS) or len(self.out_keys) != 1:
+            raise ValueError(
+                f"Simple115: in_keys must name {len(_FIELDS)} keys for {_FIELDS}, in this order, "
+                f"and out_keys one; got in_keys={self.in_keys} and out_keys={self.out_keys}."
+            )
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        fields = read_fields(next_tensordict, self.in_keys, _FIELDS, type(self).__name__)
+        next_tensordict.set(self.out_keys[0], _simple115(*fields))
+        return next_tensordict
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    _reset_on_native_autoreset = _reset
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Computes the vector of stored observations, under ``"next"`` too where they are there."""
+        self._call(tensordict)
+        if ("next", self.in_keys[0]) in tensordict.keys(include_nested=True):
+            self._call(tensordict.get("next"))
+        return tensordict
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Adds the vector to the observation."""
+        observation_spec[self.out_keys[0]] = Unbounded(
+            (*observation_spec.shape, 115), dtype=torch.float32, device=observation_spec.device
+        )
+        return observation_spec
+
+
+def _simple115(
+    left_team: torch.Tensor,
+    left_team_direction: torch.Tensor,
+    right_team: torch.Tensor,
+    right_team_direction: torch.Tensor,
+    ball: torch.Tensor,
+    ball_direction: torch.Tensor,
+    ball_owned_team: torch.Tensor,
+    active: torch.Tensor,
+    game_mode: torch.Tensor,
+) -> torch.Tensor:
+    source, meaning = _one_hot_columns(ball.device)
+    labels = torch.stack([ball_owned_team, active, game_mode], -1)
+    one_hots = labels.index_select(-1, source) == meaning
+    parts = [
+        left_team.flatten(-2),
+        left_team_direction.flatten(-2),
+        right_team.flatten(-2),
+        right_team_direction.flatten(-2),
+        ball,
+        ball_direction,
+        one_hots,
+    ]
+    return torch.cat([part.to(torch.float32) for part in parts], -1)
+
+
+@lru_cache
+def _one_hot_columns(device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+    """For each of the 21 one-hot columns: which label it reads, and the value it stands for."""
+    values = [range(-1, 2), range(11), range(7)]
+    source = [label for label, allowed in enumerate(values) for _ in allowed]
+    meaning = [value for allowed in values for value in allowed]
+    return torch.tensor(source, device=device), torch.tensor(meaning, device=device)
