@@ -1,0 +1,37 @@
+# Each target does all the set-up it needs; `make` alone lists them.
+
+SCENARIO ?= academy_run_to_score_with_keeper
+PRESET ?= light
+FRAMES ?= 300000
+SEED ?= 0
+# More options for fbrl-train, e.g. ARGS="--num-envs 4 --device cpu"
+ARGS ?=
+
+BIN := .venv/bin
+MAKEFLAGS += --no-print-directory
+.DEFAULT_GOAL := help
+.PHONY: help setup train test lint clean
+
+help: ## List the targets
+	@echo "Targets:"
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{printf "%-14s %s\n", $$1, $$2}'
+	@echo "Variables of train: SCENARIO=$(SCENARIO) PRESET=$(PRESET) FRAMES=$(FRAMES) SEED=$(SEED) ARGS=\"$(ARGS)\""
+	@echo "Variables of set-up: PYTHON, TORCH, NO_APT=1; see the head of scripts/setup.sh"
+
+setup: ## System packages, .venv, engine and fbrl; skips what is done (implied by train, test, lint)
+	@scripts/setup.sh
+
+train: setup ## Train an agent and evaluate it: SCENARIO, PRESET, FRAMES, SEED, ARGS
+	$(BIN)/fbrl-train $(SCENARIO) --preset $(PRESET) --total-frames $(FRAMES) --seed $(SEED) $(ARGS)
+
+lint: setup ## Style, format and type checks
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: lint ## All checks: lint and the test suite
+	$(BIN)/pytest
+
+clean: ## Remove .venv and build leftovers (not runs/, not the cache of compiled engines)
+	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

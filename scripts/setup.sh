@@ -1,0 +1,120 @@
+#!/usr/bin/env bash
+# Everything between a fresh clone and a working .venv: system packages, Python, torch, the
+# football engine, fbrl. `make setup` calls it; what is done already is skipped.
+#
+# Variables, all optional, and remembered for later calls in the same clone until `make clean`:
+#   PYTHON           the Python to use (default: the system's)
+#   TORCH            what pip is asked for (default: torch==2.13.0), options included
+#   ENGINE_CXXFLAGS  compiler flags of the engine     ENGINE_LDFLAGS  linker flags of the engine
+# NO_APT=1 leaves the system's packages alone. XDG_CACHE_HOME moves the cache of compiled engines.
+#
+# setup.sh --engine-key prints the key under which the compiled engine is cached, and does nothing.
+set -euo pipefail
+# A ROS or conda shell sets these, and would put its own modules before the environment's.
+unset PYTHONPATH PYTHONHOME
+
+ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+cd "$ROOT"
+VENV=$ROOT/.venv
+STAMP=$VENV/.setup-complete
+LOG_DIR=$ROOT/build/setup
+CHOICES=(PYTHON TORCH ENGINE_CXXFLAGS ENGINE_LDFLAGS)
+CLEANUP=()
+
+clean_up() {
+  if declare -F stop_progress >/dev/null; then stop_progress; fi
+  if [[ ${#CLEANUP[@]} -gt 0 ]]; then rm -rf "${CLEANUP[@]}"; fi
+}
+trap clean_up EXIT
+
+# stamped NAME: what the last complete set-up wrote down under that name.
+stamped() { sed -n "s/^$1=//p" "$STAMP" 2>/dev/null || true; }
+
+# A choice that is not made now stays as it was made before.
+recall_choices() {
+  local name
+  for name in "${CHOICES[@]}"; do
+    if [[ -z ${!name:-} ]]; then printf -v "$name" '%s' "$(stamped "$name")"; fi
+  done
+}
+
+describe_setup() {
+  local name
+  for name in "${CHOICES[@]}"; do printf '%s=%s\n' "$name" "${!name}"; done
+  printf 'root=%s\n' "$ROOT"
+  printf 'files=%s\n' "$(cat pyproject.toml scripts/setup.sh scripts/setup/*.sh | sha256sum | cut -c1-16)"
+}
+
+is_complete() {
+  [[ -f $STAMP && $(<"$STAMP") == "$DESCRIPTION" ]] && "$VENV/bin/python" -c '' 2>/dev/null
+}
+
+recall_choices
+DESCRIPTION=$(describe_setup)
+# The sourced parts put defaults in place of empty choices, which are not to be remembered.
+if [[ ${1:-} != --engine-key ]] && is_complete; then exit 0; fi
+
+# shellcheck source=scripts/setup/messages.sh
+. scripts/setup/messages.sh
+# shellcheck source=scripts/setup/packages.sh
+. scripts/setup/packages.sh
+# shellcheck source=scripts/setup/python.sh
+. scripts/setup/python.sh
+# shellcheck source=scripts/setup/engine.sh
+. scripts/setup/engine.sh
+
+case ${1:-} in
+  "") ;;
+  --engine-key)
+    find_python
+    engine_key "$PYTHON_FOUND"
+    exit 0
+    ;;
+  *) die "unknown argument $1" "scripts/setup.sh, or scripts/setup.sh --engine-key" ;;
+esac
+
+if [[ $(uname -s) != Linux ]]; then
+  die "fbrl's set-up supports Linux, and this is $(uname -s)" "a Linux machine, virtual machine or container"
+fi
+mkdir -p "$LOG_DIR"
+exec 8>"$LOG_DIR/lock"
+if ! flock --nonblock 8; then
+  say "Another set-up of this clone is running; waiting for it"
+  flock 8
+  if is_complete; then exit 0; fi
+fi
+
+if [[ -n $PYTHON ]] && ! command -v "$PYTHON" >/dev/null; then
+  die "PYTHON=$PYTHON: no such program" "make setup PYTHON=/usr/bin/python3, or leave PYTHON out"
+fi
+install_system_packages "$LOG_DIR"
+find_python
+
+# Scripts in a virtual environment name its path: one that was moved is made anew.
+fresh=
+if [[ -f $STAMP && $(stamped root) != "$ROOT" ]]; then fresh=fresh; fi
+make_venv "$PYTHON_FOUND" "$VENV" "$LOG_DIR" "$fresh"
+rm -f "$STAMP"
+pip=("$VENV/bin/python" -m pip --disable-pip-version-check)
+
+# torch comes first and by exact version: asking for just any may fetch gigabytes anew.
+read -r -a torch <<<"${TORCH:-torch==2.13.0}"
+run_logged "PyTorch (${torch[0]})" "$LOG_DIR/torch.log" "${pip[@]}" install "${torch[@]}"
+
+ensure_engine_wheel "$PYTHON_FOUND" "$LOG_DIR"
+engine=$(basename "$(dirname "$ENGINE_WHEEL")")
+if [[ $(cat "$VENV/.engine" 2>/dev/null) != "$engine" ]]; then
+  # Without dependencies: the old gym that it asks for cannot be installed and is not needed.
+  run_logged "Engine into .venv" "$LOG_DIR/engine-install.log" \
+    "${pip[@]}" install --no-deps --force-reinstall "$ENGINE_WHEEL"
+fi
+
+run_logged "fbrl and its dependencies" "$LOG_DIR/fbrl.log" "${pip[@]}" install -e ".[football,test,lint]"
+
+if ! message=$("$VENV/bin/python" -c 'import gfootball_engine' 2>&1); then
+  die "the engine does not load: $(tail -n 1 <<<"$message")" \
+    "$(apt_command "${BUILD_PACKAGES[@]}") && make setup"
+fi
+printf '%s\n' "$engine" >"$VENV/.engine"
+printf '%s\n' "$DESCRIPTION" >"$STAMP"
+say "Set-up complete in $SECONDS s. Check it with .venv/bin/fbrl-doctor, train with make train"

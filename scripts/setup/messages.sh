@@ -1,0 +1,97 @@
+# shellcheck shell=bash
+# What set-up tells the user: steps, progress of the long ones, and failures with their remedy.
+
+say() { printf '==> %s\n' "$*"; }
+warn() { printf 'warning: %s\n' "$*" >&2; }
+
+# die WHAT [REMEDY]: one line that names the trouble, one that mends it.
+die() {
+  printf '\nerror: %s\n' "$1" >&2
+  if [[ $# -gt 1 ]]; then printf '  mend it with: %s\n' "$2" >&2; fi
+  exit 1
+}
+
+# run_logged LABEL LOG COMMAND...: run COMMAND with its output in LOG, showing that it moves.
+run_logged() {
+  local label=$1 log=$2
+  shift 2
+  local started=$SECONDS status=0
+  : >"$log"
+  # The command stays in the foreground, so that Ctrl-C reaches it and all its children.
+  report_progress "$label" "$log" &
+  PROGRESS_PID=$!
+  "$@" >"$log" 2>&1 </dev/null || status=$?
+  stop_progress
+  if [[ -t 1 ]]; then printf '\r\033[K'; fi
+  if [[ $status -ne 0 ]]; then
+    printf '\n--- last lines of %s\n' "$log" >&2
+    tail -n 25 "$log" | cut -c1-240 >&2
+    printf -- '---\n' >&2
+    die "$label failed (exit status $status). Full log: $log" "$(remedy_for "$log")"
+  fi
+  say "$label: done in $((SECONDS - started)) s"
+}
+
+PROGRESS_PID=
+stop_progress() {
+  [[ -n $PROGRESS_PID ]] || return 0
+  kill "$PROGRESS_PID" 2>/dev/null || true
+  wait "$PROGRESS_PID" 2>/dev/null || true
+  PROGRESS_PID=
+}
+
+report_progress() {
+  local label=$1 log=$2 started=$SECONDS pause=30 activity
+  # Without this the pending sleep outlives its killed parent and holds the output pipe open.
+  trap 'kill "${sleeper:-}" 2>/dev/null; exit 0' TERM
+  if [[ -t 1 ]]; then pause=1; fi
+  while true; do
+    sleep "$pause" &
+    local sleeper=$!
+    wait "$sleeper"
+    activity=$(last_activity "$log")
+    if [[ -t 1 ]]; then
+      printf '\r\033[K    %s: %d s  %s' "$label" "$((SECONDS - started))" "$activity"
+    else
+      printf '    %s: %d s  %s\n' "$label" "$((SECONDS - started))" "$activity"
+    fi
+  done
+}
+
+# The newest line of a log that says something to a person: cmake's percentage or pip's step.
+last_activity() {
+  tail -c 20000 "$1" 2>/dev/null |
+    grep -oE '\[ *[0-9]+%\] [A-Z][a-z]+( [A-Z]+)? [a-z]+|(Downloading|Collecting|Installing|Building) .*' |
+    tail -n 1 | cut -c1-60 || true
+}
+
+# The likely remedy for a failed command, from the words in its log; first match wins.
+remedy_for() {
+  local log=$1 line pattern remedy
+  while IFS='|' read -r pattern remedy; do
+    if line=$(grep -m 1 -E -- "${pattern//;/|}" "$log"); then
+      # What was missing is named by the log's own words where the pattern alone does not say it.
+      line=${line#"${line%%[![:space:]]*}"}
+      printf '%s (the log says: %s)\n' "$remedy" "${line:0:160}"
+      return
+    fi
+  done <<'TABLE'
+No space left on device|free some disk space (df -h . /tmp; CPU-only torch needs about 1 GB, CUDA torch about 6 GB), then run make setup again
+Boost Python not found;Could NOT find Boost|install the Boost.Python that matches this Python (sudo apt-get install libboost-python-dev), or name a Python it was built for: make setup PYTHON=/usr/bin/python3
+No CMAKE_CXX_COMPILER could be found;c\+\+: not found;g\+\+: not found|sudo apt-get install g++
+cmake: not found;cmake: command not found|sudo apt-get install cmake
+make: not found;make: command not found|sudo apt-get install make
+fatal error: Python.h|sudo apt-get install python3-dev
+Could NOT find SDL2|sudo apt-get install libsdl2-dev libsdl2-image-dev libsdl2-ttf-dev libsdl2-gfx-dev
+Could NOT find OpenGL;Could NOT find EGL|sudo apt-get install libgl1-mesa-dev libegl-dev
+Killed signal terminated program;out of memory;Cannot allocate memory|free some memory (the compiler was stopped by the system; about 2 GB are needed), then run make setup again
+name resolution;Failed to establish a new connection;Network is unreachable;NewConnectionError;ConnectTimeout;ReadTimeout;ProxyError;Temporary failure resolving;Could not resolve;Unable to connect to|check the network (and the proxy or index set in pip's and apt's own configuration), then run make setup again
+CERTIFICATE_VERIFY_FAILED|sudo apt-get install ca-certificates (or set pip's "cert" to your organisation's certificate)
+Could not get lock|wait until the other apt or dpkg has ended, then run make setup again
+Unable to locate package;has no installation candidate|enable the distribution's main (Ubuntu: main and universe) package sources, then run make setup again
+Unmet dependencies;unmet dependencies;dpkg was interrupted|sudo dpkg --configure -a && sudo apt-get -f install
+No matching distribution found|check that the package index offers this version for your Python; another torch is chosen with make setup TORCH="torch==X.Y.Z"
+Permission denied|make the directory named in the log writable for this user, then run make setup again
+TABLE
+  printf 'read the log above, then run make setup again\n'
+}
