@@ -1,1 +1,7 @@
 """Gaussian kernel densities of where goals are made, on the pitch of the environment."""
+
+from fbrl.density.assist import AssistDensity, DensityMetadata
+from fbrl.density.pitch import pitch_from_statsbomb
+from fbrl.density.position import PositionDensity
+
+__all__ = ["AssistDensity", "DensityMetadata", "PositionDensity", "pitch_from_statsbomb"]

@@ -1,0 +1,182 @@
+"""The pair of densities behind the assist reward, and the file that holds them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import zipfile
+from importlib import resources
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from fbrl.density.position import PositionDensity
+
+FORMAT = "fbrl-assist-density"
+FORMAT_VERSION = 1
+DEFAULT_FILE = "open_play_assists_2015_16.npz"
+
+_REFIT = "Fit a new one with `python -m fbrl.density.fit CSV OUT`."
+
+
+@dataclasses.dataclass(frozen=True)
+class DensityMetadata:
+    """Where a pair of densities comes from.
+
+    Attributes:
+        source: the competitions and seasons.
+        filter: which passes were taken.
+        n: how many passes.
+        bandwidth_rule: the rule or number that the kernel came from.
+        bandwidth_start: the start kernel's isotropic bandwidth in pitch units; for a kernel with a
+            full covariance, the isotropic bandwidth of the same area.
+        bandwidth_end: the same for the end kernel.
+        max_interpolation_error: the largest difference between the grids and the exact kernel sum,
+            as a fraction of the peak.
+        credit: the credit that the data's owner asks for.
+    """
+
+    source: str
+    filter: str
+    n: int
+    bandwidth_rule: str
+    bandwidth_start: float
+    bandwidth_end: float
+    max_interpolation_error: float
+    credit: str
+
+
+class AssistDensity(nn.Module):
+    """Where goal-assisting passes start and end.
+
+    Args:
+        start: density of the positions that assists were played from.
+        end: density of the positions that assists were received at.
+        metadata: where they come from; ``None`` for made-up densities, which cannot be saved.
+
+    Examples:
+        >>> from fbrl.density import AssistDensity
+        >>> density = AssistDensity.default()
+        >>> density.start.peak, density.end.peak
+        (0.001, 0.1)
+        >>> density.metadata.n, density.metadata.credit
+        (474, 'Data: StatsBomb')
+        >>> import torch
+        >>> ball = torch.tensor([[0.75, 0.0], [-0.75, 0.0]])  # in front of either goal
+        >>> density.end(ball).round(decimals=4)
+        tensor([0.0544, 0.0000])
+    """
+
+    def __init__(
+        self,
+        start: PositionDensity,
+        end: PositionDensity,
+        metadata: DensityMetadata | None = None,
+    ) -> None:
+        super().__init__()
+        self.start = start
+        self.end = end
+        self.metadata = metadata
+
+    @classmethod
+    def default(cls) -> AssistDensity:
+        """Load the densities that fbrl ships: 474 open-play assists of 2015/16.
+
+        Fitted to the Premier League and Ligue 1. Data: StatsBomb.
+        """
+        shipped = resources.files("fbrl.density").joinpath(DEFAULT_FILE)
+        with shipped.open("rb") as file:
+            return _read(file, DEFAULT_FILE)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> AssistDensity:
+        """Load densities from a file written by :meth:`save`. Runs no code from the file.
+
+        Raises:
+            FileNotFoundError: if there is no such file.
+            ValueError: if the file is truncated, of another format, of a newer version, or holds
+                grids that are not densities. The message names the file, the value and the remedy.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise FileNotFoundError(f"No density file at {path}. {_REFIT}")
+        with path.open("rb") as file:
+            return _read(file, str(path))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the densities and their metadata to one file (a ``.npz`` without pickle)."""
+        if self.metadata is None:
+            raise ValueError(
+                "This AssistDensity has no metadata. Make it with metadata=DensityMetadata(...), "
+                "so that the file says where its numbers come from."
+            )
+        header = {
+            "format": FORMAT,
+            "version": FORMAT_VERSION,
+            "peak_start": self.start.peak,
+            "peak_end": self.end.peak,
+            **dataclasses.asdict(self.metadata),
+        }
+        # Through a file object: numpy would append ".npz" to a path without it.
+        with Path(path).open("wb") as file:
+            np.savez_compressed(
+                file,
+                metadata=np.array(json.dumps(header, ensure_ascii=False)),
+                start=self.start.grid.cpu().numpy(),
+                end=self.end.grid.cpu().numpy(),
+            )
+
+
+def _read(file: IO[bytes], name: str) -> AssistDensity:
+    try:
+        with np.load(file, allow_pickle=False) as archive:
+            entries = {key: archive[key] for key in archive.files}
+    except (AttributeError, EOFError, OSError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(
+            f"{name} is not a readable density file ({error}): truncated, or another format. "
+            f"{_REFIT}"
+        ) from error
+    missing = {"metadata", "start", "end"} - entries.keys()
+    if missing:
+        raise ValueError(f"{name} lacks the entries {sorted(missing)}. {_REFIT}")
+    header = _read_header(entries["metadata"], name)
+    start = _read_density(entries["start"], header["peak_start"], f"{name}: start")
+    end = _read_density(entries["end"], header["peak_end"], f"{name}: end")
+    fields = {field.name: header[field.name] for field in dataclasses.fields(DensityMetadata)}
+    return AssistDensity(start, end, DensityMetadata(**fields))
+
+
+def _read_header(entry: NDArray[Any], name: str) -> dict[str, Any]:
+    try:
+        header = json.loads(str(entry))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{name}: its metadata is not JSON ({error}). {_REFIT}") from error
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise ValueError(f"{name}: its metadata does not say format {FORMAT!r}. {_REFIT}")
+    version = header.get("version")
+    if not isinstance(version, int) or version > FORMAT_VERSION:
+        raise ValueError(
+            f"{name} has format version {version!r}; this fbrl reads up to {FORMAT_VERSION}. "
+            "Upgrade fbrl (`pip install -U fbrl`)."
+        )
+    expected = {field.name for field in dataclasses.fields(DensityMetadata)}
+    missing = (expected | {"peak_start", "peak_end"}) - header.keys()
+    if missing:
+        raise ValueError(f"{name}: its metadata lacks {sorted(missing)}. {_REFIT}")
+    return header
+
+
+def _read_density(grid: NDArray[Any], peak: Any, name: str) -> PositionDensity:
+    if not isinstance(peak, (int, float)) or isinstance(peak, bool):
+        raise ValueError(f"{name}: its peak is {peak!r}, not a number. {_REFIT}")
+    if grid.dtype.kind != "f":
+        raise ValueError(f"{name}: its grid has dtype {grid.dtype}, not floating point. {_REFIT}")
+    try:
+        return PositionDensity(torch.from_numpy(np.ascontiguousarray(grid, np.float32)), peak)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error} {_REFIT}") from error

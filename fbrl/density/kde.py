@@ -1,0 +1,146 @@
+"""Gaussian kernel density estimation on the pitch: the exact sum and the bandwidth rules."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH
+
+BandwidthRule = Literal["thesis", "scipy-silverman", "scipy-scott"]
+"""Named rules; a number is accepted wherever a rule is."""
+
+MIN_POINTS = 10
+"""Fewer points than this say nothing about where goals are made."""
+
+_QUERY_BLOCK = 4096
+
+
+def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
+    """Return the points as a float64 (n, 2) array, or say what is wrong with them.
+
+    Args:
+        points: positions on the environment's pitch.
+        name: what error messages call them.
+
+    Raises:
+        ValueError: on a wrong shape, fewer than 10 points, NaN or infinite values, points outside
+            the pitch, or an axis without any spread.
+    """
+    xy = np.asarray(points, dtype=np.float64)
+    if xy.ndim != 2 or xy.shape[1] != 2:
+        raise ValueError(f"{name} has shape {xy.shape}; expected (n, 2): x and y of each point.")
+    if len(xy) < MIN_POINTS:
+        raise ValueError(
+            f"{name} holds {len(xy)} points; a density needs at least {MIN_POINTS}. "
+            "Use a wider filter or more matches."
+        )
+    finite = np.isfinite(xy).all(axis=1)
+    if not finite.all():
+        row = int(np.flatnonzero(~finite)[0])
+        raise ValueError(
+            f"{name}[{row}] is {xy[row].tolist()}: not a finite position "
+            f"({int((~finite).sum())} such rows). Drop these rows first."
+        )
+    # A hair of tolerance: scaling a point on the touch line may round past it.
+    inside = (np.abs(xy) <= np.array([HALF_LENGTH, HALF_WIDTH]) + 1e-9).all(axis=1)
+    if not inside.all():
+        row = int(np.flatnonzero(~inside)[0])
+        raise ValueError(
+            f"{name}[{row}] is {xy[row].tolist()}: outside the pitch [-1, 1] x [-0.42, 0.42] "
+            f"({int((~inside).sum())} such rows). Scale StatsBomb's 120 x 80 positions with "
+            "fbrl.density.pitch_from_statsbomb first, or drop these rows."
+        )
+    spread = xy.std(axis=0, ddof=1)
+    if (spread < 1e-9).any():
+        axis = "xy"[int(np.argmin(spread))]
+        raise ValueError(
+            f"{name} has zero variance in {axis}: all {len(xy)} points share one value, so no "
+            "bandwidth can be derived. Give points that differ in both axes."
+        )
+    return xy
+
+
+def kernel_covariance(
+    points: NDArray[np.float64], bandwidth: BandwidthRule | float = "thesis"
+) -> NDArray[np.float64]:
+    r"""Covariance of the Gaussian kernel that a bandwidth rule gives.
+
+    - ``"thesis"``: one isotropic :math:`h = (4\sigma^5 / 3n)^{1/5}` (thesis eq. 4.2), where
+      :math:`\sigma` is the root mean square of the two axis standard deviations (``ddof=1``).
+    - ``"scipy-silverman"`` and ``"scipy-scott"``: the sample covariance times the squared factor
+      of :class:`scipy.stats.gaussian_kde`.
+    - a number: that isotropic h, in pitch units.
+
+    Args:
+        points: (n, 2) positions.
+        bandwidth: one of the above.
+
+    Returns:
+        A (2, 2) covariance matrix.
+
+    Raises:
+        ValueError: for an unknown rule, or a number that is not positive and finite.
+    """
+    n, dimensions = points.shape
+    if bandwidth == "thesis":
+        sigma = float(np.sqrt(points.var(axis=0, ddof=1).mean()))
+        return (4.0 * sigma**5 / (3.0 * n)) ** 0.4 * np.eye(2)
+    if bandwidth in ("scipy-silverman", "scipy-scott"):
+        scale = (dimensions + 2) / 4.0 if bandwidth == "scipy-silverman" else 1.0
+        factor = (n * scale) ** (-1.0 / (dimensions + 4))
+        return factor**2 * np.cov(points, rowvar=False, ddof=1)
+    if isinstance(bandwidth, (int, float)) and 0 < bandwidth < np.inf:
+        return float(bandwidth) ** 2 * np.eye(2)
+    allowed = ", ".join(repr(rule) for rule in get_args(BandwidthRule))
+    raise ValueError(
+        f"bandwidth is {bandwidth!r}; expected one of {allowed}, or a positive number "
+        "in pitch units."
+    )
+
+
+def equivalent_bandwidth(covariance: NDArray[np.float64]) -> float:
+    """The isotropic bandwidth whose kernel covers the same area as this covariance."""
+    return float(np.linalg.det(covariance) ** 0.25)
+
+
+def kernel_sum(
+    points: NDArray[np.float64], queries: ArrayLike, covariance: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    r"""Exact Gaussian kernel density (thesis eq. 4.1).
+
+    .. math::
+        f(p) = \frac{1}{n \, 2\pi \sqrt{|C|}}
+               \sum_i \exp\left(-\tfrac{1}{2} (p - p_i)^\top C^{-1} (p - p_i)\right)
+
+    with :math:`C = h^2 I` for an isotropic bandwidth h.
+
+    Args:
+        points: (n, 2) sample positions.
+        queries: (..., 2) positions to evaluate.
+        covariance: (2, 2) kernel covariance, as :func:`kernel_covariance` gives it.
+
+    Returns:
+        The density at each query, shape (...).
+    """
+    at = np.asarray(queries, dtype=np.float64)
+    # In whitened coordinates every kernel is a unit Gaussian.
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance)).T
+    samples = points @ whitening
+    white = at.reshape(-1, 2) @ whitening
+    total = np.empty(len(white))
+    for first in range(0, len(white), _QUERY_BLOCK):
+        block = slice(first, first + _QUERY_BLOCK)
+        offset = white[block, None, :] - samples[None, :, :]
+        total[block] = np.exp(-0.5 * np.square(offset).sum(axis=-1)).sum(axis=1)
+    normaliser = len(points) * 2.0 * np.pi * np.sqrt(np.linalg.det(covariance))
+    return (total / normaliser).reshape(at.shape[:-1])
+
+
+def grid_positions(columns: int, rows: int) -> NDArray[np.float64]:
+    """Node positions of a regular grid over the whole pitch, shape (columns, rows, 2)."""
+    x = np.linspace(-HALF_LENGTH, HALF_LENGTH, columns)
+    y = np.linspace(-HALF_WIDTH, HALF_WIDTH, rows)
+    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)

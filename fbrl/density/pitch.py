@@ -1,0 +1,41 @@
+"""The two coordinate systems: the environment's pitch and StatsBomb's."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+HALF_LENGTH = 1.0
+"""Goal lines lie at x = -1 and x = +1."""
+
+HALF_WIDTH = 0.42
+"""Touch lines lie at y = -0.42 and y = +0.42."""
+
+STATSBOMB_LENGTH = 120.0
+STATSBOMB_WIDTH = 80.0
+
+
+def pitch_from_statsbomb(points: ArrayLike) -> NDArray[np.float64]:
+    """Scale StatsBomb's 120 x 80 pitch to the environment's.
+
+    The attacking direction is +x and y grows downwards from the top in both.
+
+    Args:
+        points: array of shape (..., 2) with StatsBomb x and y.
+
+    Returns:
+        An array of the same shape, x in [-1, 1] and y in [-0.42, 0.42] for points on the pitch.
+
+    Examples:
+        >>> pitch_from_statsbomb([[120.0, 40.0], [0.0, 80.0]])
+        array([[ 1.  ,  0.  ],
+               [-1.  ,  0.42]])
+    """
+    xy = np.asarray(points, dtype=np.float64)
+    if xy.ndim == 0 or xy.shape[-1] != 2:
+        raise ValueError(
+            f"points has shape {xy.shape}; the last dimension must be 2: "
+            "x and y on the 120 x 80 pitch."
+        )
+    half = np.array([HALF_LENGTH, HALF_WIDTH])
+    return (xy / np.array([STATSBOMB_LENGTH, STATSBOMB_WIDTH]) * 2.0 - 1.0) * half
