@@ -1,0 +1,202 @@
+"""The actor-critic that PPO trains: one trunk, a policy head and a value head."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from torch import nn
+from torch.distributions import Categorical
+from torchrl.envs.utils import ExplorationType, exploration_type
+from torchrl.modules import ActorValueOperator, ProbabilisticActor, ValueOperator
+
+from fbrl.models.impala import ImpalaCNN
+from fbrl.models.mlp import MLP, Activation
+
+__all__ = [
+    "OBSERVATION_KEYS",
+    "ActorCritic",
+    "CollectionPolicy",
+    "Observation",
+    "build_actor_critic",
+]
+
+Observation = Literal["minimap", "smm", "simple115"]
+
+OBSERVATION_KEYS: dict[str, str] = {
+    "minimap": "minimap_cells",
+    "smm": "smm",
+    "simple115": "simple115",
+}
+"""The tensordict key of each observation."""
+
+
+class ActorCritic(ActorValueOperator):
+    """A trunk that writes ``hidden``, and a policy and a value head that read it.
+
+    For the PPO loss, pass ``get_policy_operator()`` as the actor and ``get_value_head()`` as the
+    critic: the actor leaves ``hidden`` for the critic, so the trunk runs once.
+    ``get_value_operator()`` computes values on their own, and ``get_collection_policy()`` acts in
+    the environment. All of them share their parameters.
+
+    Args:
+        trunk: maps the observation to features.
+        observation_key: what the trunk reads.
+        num_features: size of the trunk's output.
+        num_actions: number of discrete actions.
+        device: where the parameters of the heads live.
+    """
+
+    def __init__(
+        self,
+        trunk: nn.Module,
+        observation_key: NestedKey,
+        num_features: int,
+        num_actions: int,
+        device: torch.device | str | None = None,
+    ) -> None:
+        policy_head = _orthogonal_linear(num_features, num_actions, 0.01, device)
+        value_head = _orthogonal_linear(num_features, 1, 1.0, device)
+        super().__init__(
+            TensorDictModule(trunk, in_keys=[observation_key], out_keys=["hidden"]),
+            ProbabilisticActor(
+                TensorDictModule(policy_head, in_keys=["hidden"], out_keys=["logits"]),
+                in_keys=["logits"],
+                distribution_class=Categorical,
+                # Validation reads the logits back, which makes a GPU wait.
+                distribution_kwargs={"validate_args": False},
+                default_interaction_type=ExplorationType.RANDOM,
+                return_log_prob=True,
+                log_prob_key="action_log_prob",
+            ),
+            ValueOperator(value_head, in_keys=["hidden"]),
+        )
+
+    def get_collection_policy(self) -> CollectionPolicy:
+        """Returns the policy that acts in the environment; it shares the parameters."""
+        trunk = self.get_submodule("module.0.module")
+        policy_head = self.get_submodule("module.1.module.0.module")
+        value_head = self.get_submodule("module.2.module")
+        return CollectionPolicy(trunk, policy_head, value_head, self.module[0].in_keys[0])
+
+
+class CollectionPolicy(TensorDictModuleBase):
+    """Chooses actions, and writes their log-probability and the value of the state.
+
+    The same numbers as the operators of :class:`ActorCritic`, from one call of the trunk, without
+    building distributions and without writing ``hidden`` and ``logits``, which a collector would
+    store. Nothing it writes requires gradients.
+
+    Actions are sampled, or the most probable ones under
+    ``torchrl.envs.set_exploration_type(ExplorationType.DETERMINISTIC)``.
+
+    Args:
+        trunk: maps the observation to features.
+        policy_head: maps the features to logits.
+        value_head: maps the features to a value.
+        observation_key: what the trunk reads.
+    """
+
+    def __init__(
+        self,
+        trunk: nn.Module,
+        policy_head: nn.Module,
+        value_head: nn.Module,
+        observation_key: NestedKey,
+    ) -> None:
+        super().__init__()
+        self.trunk = trunk
+        self.policy_head = policy_head
+        self.value_head = value_head
+        self.in_keys = [observation_key]
+        self.out_keys = ["action", "action_log_prob", "state_value"]
+
+    @torch.no_grad()
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Adds ``action``, ``action_log_prob`` and ``state_value``."""
+        hidden = self.trunk(tensordict.get(self.in_keys[0]))
+        logits = self.policy_head(hidden)
+        # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
+        log_probs = logits - logits.logsumexp(-1, keepdim=True)
+        action = _choose(log_probs)
+        tensordict.set("action", action)
+        tensordict.set("action_log_prob", log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1))
+        tensordict.set("state_value", self.value_head(hidden))
+        return tensordict
+
+
+def build_actor_critic(
+    observation: Observation,
+    num_actions: int = 19,
+    *,
+    num_frames: int = 4,
+    hidden_sizes: Sequence[int] = (256, 256),
+    activation: Activation = "tanh",
+    device: torch.device | str | None = None,
+) -> ActorCritic:
+    """Builds the actor-critic for an observation.
+
+    The heads are initialised as in OpenAI's Baselines, from which gfootball's own training runs:
+    orthogonal weights of gain 0.01 for the policy and 1 for the value, and biases of zero.
+
+    Args:
+        observation: ``"minimap"`` (reads ``minimap_cells``) and ``"smm"`` (reads ``smm``) give
+            the same convolutional network, ``"simple115"`` a multilayer perceptron.
+        num_actions: number of discrete actions.
+        num_frames: how many frames ``"minimap"`` and ``"smm"`` stack.
+        hidden_sizes: sizes of the perceptron's layers.
+        activation: of the perceptron, ``"tanh"`` or ``"relu"``.
+        device: where the parameters live.
+
+    Examples:
+        >>> import torch
+        >>> from tensordict import TensorDict
+        >>> model = build_actor_critic("simple115")
+        >>> policy = model.get_collection_policy()
+        >>> batch = policy(TensorDict(simple115=torch.zeros(8, 115), batch_size=[8]))
+        >>> batch["action"].shape, batch["action_log_prob"].shape, batch["state_value"].shape
+        (torch.Size([8]), torch.Size([8]), torch.Size([8, 1]))
+        >>> sum(p.numel() for p in build_actor_critic("minimap").parameters())
+        396868
+    """
+    if observation not in OBSERVATION_KEYS:
+        raise ValueError(
+            f"observation is {observation!r}, but must be one of {tuple(OBSERVATION_KEYS)}."
+        )
+    if num_actions < 1:
+        raise ValueError(f"num_actions is {num_actions}, but must be at least 1.")
+    trunk: ImpalaCNN | MLP
+    if observation == "simple115":
+        trunk = MLP(115, hidden_sizes, activation, device)
+    else:
+        trunk = ImpalaCNN(num_frames, device=device)
+    return ActorCritic(
+        trunk, OBSERVATION_KEYS[observation], trunk.num_features, num_actions, device
+    )
+
+
+def _choose(log_probs: torch.Tensor) -> torch.Tensor:
+    exploration = exploration_type() or ExplorationType.RANDOM
+    if exploration is ExplorationType.RANDOM:
+        # What torch.multinomial does for one draw, from the same random numbers, without reading
+        # the probabilities back to check them.
+        probs = log_probs.softmax(-1)
+        return (probs / torch.empty_like(probs).exponential_()).argmax(-1)
+    if exploration in (ExplorationType.DETERMINISTIC, ExplorationType.MODE):
+        return log_probs.argmax(-1)
+    raise ValueError(
+        f"The exploration type is {exploration}, but discrete actions have no such value: set "
+        f"ExplorationType.RANDOM to sample, or DETERMINISTIC for the most probable action."
+    )
+
+
+def _orthogonal_linear(
+    num_in: int, num_out: int, gain: float, device: torch.device | str | None
+) -> nn.Linear:
+    linear = nn.Linear(num_in, num_out, device=device)
+    nn.init.orthogonal_(linear.weight, gain)
+    nn.init.zeros_(linear.bias)
+    return linear

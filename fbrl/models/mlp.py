@@ -1,0 +1,59 @@
+"""A multilayer perceptron for vector observations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Literal, get_args
+
+import torch
+from torch import nn
+
+__all__ = ["MLP", "Activation"]
+
+Activation = Literal["tanh", "relu"]
+
+_ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU}
+
+
+class MLP(nn.Sequential):
+    """Linear layers, each followed by an activation, with orthogonal initialisation.
+
+    The weights' gain is sqrt(2) and the biases are zero, as in OpenAI's Baselines and CleanRL.
+
+    Args:
+        num_inputs: size of the observation vector; 115 for ``simple115``.
+        hidden_sizes: size of each layer; the last one is the number of features.
+        activation: ``"tanh"`` or ``"relu"``.
+        device: where the parameters live.
+
+    Examples:
+        >>> import torch
+        >>> MLP()(torch.zeros(5, 2, 115)).shape
+        torch.Size([5, 2, 256])
+    """
+
+    def __init__(
+        self,
+        num_inputs: int = 115,
+        hidden_sizes: Sequence[int] = (256, 256),
+        activation: Activation = "tanh",
+        device: torch.device | str | None = None,
+    ) -> None:
+        if activation not in _ACTIVATIONS:
+            raise ValueError(
+                f"activation is {activation!r}, but must be one of {get_args(Activation)}."
+            )
+        if not hidden_sizes or min(hidden_sizes) < 1:
+            raise ValueError(
+                f"hidden_sizes is {hidden_sizes!r}, but must name at least one layer, each of "
+                f"size 1 or more, such as (256, 256)."
+            )
+        layers: list[nn.Module] = []
+        for num_in, num_out in pairwise([num_inputs, *hidden_sizes]):
+            linear = nn.Linear(num_in, num_out, device=device)
+            nn.init.orthogonal_(linear.weight, 2**0.5)
+            nn.init.zeros_(linear.bias)
+            layers += [linear, _ACTIVATIONS[activation]()]
+        super().__init__(*layers)
+        self.num_features = hidden_sizes[-1]
