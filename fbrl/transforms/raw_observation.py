@@ -41,7 +41,7 @@ def read_fields(
         reader: who reads; named in the error messages.
 
     Returns:
-        The tensors, in the order of ``fields``.
+        The tensors, in the order of ``fields``, with the shapes of :data:`FIELD_SHAPES`.
 
     Raises:
         KeyError: a key is missing.
@@ -54,7 +54,11 @@ def read_fields(
         tensor = tensordict.get(key, None)
         if tensor is None:
             raise KeyError(_missing(tensordict, key, field, reader))
-        if tensor.shape[batch_dims:] != FIELD_SHAPES[field]:
+        shape = tensor.shape[batch_dims:]
+        if shape == (1,) and FIELD_SHAPES[field] == ():
+            # TorchRL's GymWrapper gives the scalars of a single environment a dimension of one.
+            tensor = tensor.squeeze(-1)
+        elif shape != FIELD_SHAPES[field]:
             raise ValueError(_wrong_shape(tensordict, tensor, key, field, reader))
         allowed = _INTEGERS if field in _INTEGER_FIELDS else _FLOATS
         if tensor.dtype not in allowed:
