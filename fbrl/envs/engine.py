@@ -28,7 +28,7 @@ MAX_SEED = 2**32 - 1
 """The engine's seed is a C++ ``unsigned int``."""
 
 FIRST_EPISODE = 2
-"""Number of an environment's first episode, as in gfootball; the left team kicks off in even ones."""
+"""Number of an environment's first episode, as in gfootball; left kicks off in even ones."""
 
 PADDING = -1
 """Fills positions, directions and roles of the players that a small-sided scenario lacks."""

@@ -35,13 +35,15 @@ player exists exactly where the role is not -1.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 from fbrl.envs.engine import MATCH_FIELDS, MAX_PLAYERS, PADDING, PLAYER_FIELDS, ROW_LENGTH
 
-Observation = dict[str, np.ndarray]
+Observation = dict[str, Any]
+"""An array for each key; not ``np.ndarray`` in the type because Gymnasium's ``Dict`` says so."""
 
 _PLAYER_KEYS = {
     "position": "{team}",
