@@ -140,7 +140,7 @@ def fit_assist_density(
     Examples:
         >>> import numpy as np
         >>> rng = np.random.default_rng(0)
-        >>> starts, ends = rng.normal([[[0.4, 0.0]], [[0.8, 0.0]]], 0.1, (2, 200, 2))
+        >>> starts, ends = rng.normal([[[0.4, 0.0]], [[0.8, 0.0]]], 0.05, (2, 200, 2))
         >>> density = fit_assist_density(starts, ends, source="made up", filter="none", credit="")
         >>> density.metadata.n
         200

@@ -1,6 +1,16 @@
 """TorchRL transforms for rewards and observations; usable without gfootball installed."""
 
+from fbrl.transforms.assist_reward import AssistDensityReward
+from fbrl.transforms.checkpoint_reward import CheckpointReward
 from fbrl.transforms.minimap import MiniMapCells, SuperMiniMap
+from fbrl.transforms.scoring_reward import ScoringReward
 from fbrl.transforms.simple115 import Simple115
 
-__all__ = ["MiniMapCells", "Simple115", "SuperMiniMap"]
+__all__ = [
+    "AssistDensityReward",
+    "CheckpointReward",
+    "MiniMapCells",
+    "ScoringReward",
+    "Simple115",
+    "SuperMiniMap",
+]
