@@ -209,7 +209,7 @@ class ShapedReward(ScoringReward):
                     f"Without {self._keys[self._memory]!r}, {type(self).__name__} needs "
                     f"consecutive steps along batch dimension {time}, but {self._keys[name]!r} of "
                     "some step is not what the step before led to. Store the memory with the data, "
-                    "relabel the trajectory before it is shuffled, or name its time dimension 'time'."
+                    "relabel the trajectory before shuffling it, or name its time dimension 'time'."
                 )
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
