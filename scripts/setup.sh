@@ -8,7 +8,8 @@
 #   ENGINE_CXXFLAGS  compiler flags of the engine     ENGINE_LDFLAGS  linker flags of the engine
 # NO_APT=1 leaves the system's packages alone. XDG_CACHE_HOME moves the cache of compiled engines.
 #
-# setup.sh --engine-key prints the key under which the compiled engine is cached, and does nothing.
+# setup.sh --check only says by its exit status whether this clone is set up; setup.sh --engine-key
+# only prints the key under which the compiled engine is cached.
 set -euo pipefail
 # A ROS or conda shell sets these, and would put its own modules before the environment's.
 unset PYTHONPATH PYTHONHOME
@@ -52,7 +53,10 @@ is_complete() {
 recall_choices
 DESCRIPTION=$(describe_setup)
 # The sourced parts put defaults in place of empty choices, which are not to be remembered.
-if [[ ${1:-} != --engine-key ]] && is_complete; then exit 0; fi
+if [[ ${1:-} == --check ]]; then
+  if is_complete; then exit 0; else exit 1; fi
+fi
+if [[ -z ${1:-} ]] && is_complete; then exit 0; fi
 
 # shellcheck source=scripts/setup/messages.sh
 . scripts/setup/messages.sh
@@ -70,7 +74,7 @@ case ${1:-} in
     engine_key "$PYTHON_FOUND"
     exit 0
     ;;
-  *) die "unknown argument $1" "scripts/setup.sh, or scripts/setup.sh --engine-key" ;;
+  *) die "unknown argument $1" "scripts/setup.sh with no argument, --check or --engine-key" ;;
 esac
 
 if [[ $(uname -s) != Linux ]]; then

@@ -1,0 +1,235 @@
+"""The checks of an installation, each with remedies for what it finds wrong.
+
+Importing this module imports none of what is checked.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Status = Literal["ok", "warn", "fail", "skip"]
+
+_REBUILD = "rebuild the environment: `make clean && make setup`"
+
+# Debian's and Ubuntu's packages of the libraries that the engine is linked to.
+_LIBRARY_PACKAGES = {
+    r"libSDL2-2\.0": "libsdl2-2.0-0",
+    r"libSDL2_image": "libsdl2-image-2.0-0",
+    r"libSDL2_ttf": "libsdl2-ttf-2.0-0",
+    r"libSDL2_gfx": "libsdl2-gfx-1.0-0",
+    r"libEGL\.": "libegl1",
+    r"libGL\.": "libgl1",
+    r"libOpenGL\.": "libopengl0",
+    r"libpython(\d+\.\d+)\.so": r"libpython\1",
+    r"libboost_python\d+\.so\.(.+)": r"libboost-python\1",
+    r"libboost_(\w+)\.so\.(.+)": r"libboost-\1\2",
+}
+
+
+class CheckError(Exception):
+    """Raised by a check that finds something wrong.
+
+    Args:
+        detail: What is wrong.
+        remedy: What mends it.
+        status: ``"fail"``; ``"warn"`` for what works less well; ``"skip"`` for what can't be told.
+    """
+
+    def __init__(self, detail: str, remedy: str, status: Status = "fail") -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.remedy = remedy
+        self.status = status
+
+
+@dataclass(frozen=True)
+class Check:
+    """A part of the installation that can be checked.
+
+    Attributes:
+        name: Shown in the table.
+        function: Returns a line of detail, or raises; :class:`CheckError` where it knows the
+            remedy.
+        remedy: For the failures that the function doesn't foresee, crashes and hangs included.
+        time_limit: Seconds after which the check is stopped and has failed.
+        needed: Whether training depends on it; if not, a failure counts as a warning.
+    """
+
+    name: str
+    function: Callable[[], str]
+    remedy: str
+    time_limit: float = 60.0
+    needed: bool = True
+
+
+def check_packages() -> str:
+    """Whether the packages that fbrl declares are installed, in versions that it works with."""
+    from packaging.requirements import Requirement
+
+    problems = []
+    for line in importlib.metadata.requires("fbrl") or ():
+        requirement = Requirement(line)
+        if requirement.marker and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        try:
+            version = importlib.metadata.version(requirement.name)
+        except importlib.metadata.PackageNotFoundError:
+            problems.append(f"{requirement.name} is missing")
+            continue
+        if not requirement.specifier.contains(version, prereleases=True):
+            problems.append(f"{requirement.name} {version} is not {requirement.specifier}")
+    if problems:
+        raise CheckError(", ".join(problems), "run `make setup`, or `pip install -U fbrl`")
+    return f"Python {platform.python_version()} at {sys.executable}, all packages fit"
+
+
+def check_system_libraries() -> str:
+    """Whether the dynamic linker finds every library that the compiled engine is linked to."""
+    spec = importlib.util.find_spec("gfootball_engine")
+    if spec is None or spec.origin is None:
+        raise CheckError("the engine (gfootball_engine) isn't installed", "run `make setup`")
+    library = Path(spec.origin).parent / "_gameplayfootball.so"
+    if not library.exists():
+        raise CheckError(f"{library} is missing: the engine wasn't compiled", _REBUILD)
+    listing = subprocess.run(["ldd", str(library)], capture_output=True, text=True, check=False)
+    if listing.returncode != 0:
+        raise CheckError(f"ldd can't read {library}: {listing.stderr.strip()}", _REBUILD)
+    missing = re.findall(r"^\s*(\S+) => not found", listing.stdout, flags=re.MULTILINE)
+    if missing:
+        packages = [package for name in missing if (package := _debian_package(name))]
+        install = f"`sudo apt-get install {' '.join(packages)}`, or " if packages else ""
+        raise CheckError(f"not found: {', '.join(missing)}", install + _REBUILD)
+    return f"all {len(listing.stdout.splitlines())} libraries of the engine found"
+
+
+def _debian_package(library: str) -> str | None:
+    for pattern, package in _LIBRARY_PACKAGES.items():
+        if match := re.match(pattern, library):
+            return match.expand(package).replace("_", "-")
+    return None
+
+
+def check_engine() -> str:
+    """Whether the engine can be imported."""
+    from fbrl.envs.engine import load_gfootball
+
+    load_gfootball()
+    return f"gfootball {importlib.metadata.version('gfootball')}"
+
+
+def check_match() -> str:
+    """Plays a few steps of a real match."""
+    from fbrl.envs import FootballEnv
+
+    env = FootballEnv("academy_empty_goal_close")
+    before, _ = env.reset(seed=0)
+    right = 5
+    started = time.perf_counter()
+    steps = 10
+    for _ in range(steps):
+        after, *_ = env.step(right)
+    milliseconds = (time.perf_counter() - started) / steps * 1000
+    if (before["ball"] == after["ball"]).all():
+        raise CheckError(f"the ball hasn't moved within {steps} steps of a match", _REBUILD)
+    return f"{steps} steps of academy_empty_goal_close, {milliseconds:.1f} ms each"
+
+
+def check_torch() -> str:
+    """Torch computes on the device that training would choose."""
+    import torch
+
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    product = torch.ones(8, 8, device=device) @ torch.ones(8, 8, device=device)
+    if product.sum().item() != 512.0:
+        raise CheckError(
+            f"torch {torch.__version__} computes wrong numbers on {device}",
+            "reinstall torch, or train with `--device cpu`",
+        )
+    if device == "cuda":
+        return f"torch {torch.__version__}, CUDA: {torch.cuda.get_device_name()}"
+    detail = f"torch {torch.__version__}, CPU with {torch.get_num_threads()} threads"
+    if Path("/dev/nvidia0").exists():
+        build = f"CUDA {torch.version.cuda}" if torch.version.cuda else "CPU only"
+        raise CheckError(
+            f"{detail}; there is an NVIDIA GPU that this torch (built for {build}) can't use",
+            "install a torch that fits the driver (see pytorch.org): "
+            "`make setup TORCH=torch==X.Y.Z`",
+            status="warn",
+        )
+    return detail
+
+
+def check_tensorboard() -> str:
+    """Writes an event file and reads it back."""
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+    from torch.utils.tensorboard import SummaryWriter
+
+    with tempfile.TemporaryDirectory(prefix="fbrl-doctor-") as directory:
+        with SummaryWriter(directory) as writer:
+            writer.add_scalar("doctor/check", 0.5, global_step=3)
+        events = EventAccumulator(directory).Reload().Scalars("doctor/check")
+    if [(event.step, event.value) for event in events] != [(3, 0.5)]:
+        raise CheckError(
+            f"an event file was written and reads back as {events}", "`pip install -U tensorboard`"
+        )
+    return f"tensorboard {importlib.metadata.version('tensorboard')}, event file written and read"
+
+
+def check_densities() -> str:
+    """Loads the densities that come with fbrl and evaluates them over the pitch."""
+    import torch
+
+    from fbrl.density import AssistDensity
+
+    density = AssistDensity.default()
+    pitch = torch.cartesian_prod(torch.linspace(-1, 1, 201), torch.linspace(-0.42, 0.42, 85))
+    details = []
+    for name, surface in (("start", density.start), ("end", density.end)):
+        highest = float(surface(pitch).max())
+        if not 0.9 * surface.peak <= highest <= 1.001 * surface.peak:
+            raise CheckError(
+                f"the {name} density's highest value is {highest:g}, not its peak {surface.peak:g}",
+                "reinstall fbrl: its density file is damaged",
+            )
+        details.append(f"{name} peak {surface.peak:g}")
+    return ", ".join(details)
+
+
+def check_rendering() -> str:
+    """Renders one frame with no display, as videos are made."""
+    from fbrl.envs import engine
+
+    render_frame = getattr(engine, "render_frame", None)
+    if render_frame is None:
+        raise CheckError("this version of fbrl doesn't render yet", "", status="skip")
+    frame = render_frame("academy_empty_goal_close", seed=0, width=320, height=180)
+    if frame.std() < 1.0:
+        raise CheckError(f"the frame {frame.shape} is of one colour", _RENDER_REMEDY)
+    return f"a frame of {frame.shape[1]}x{frame.shape[0]} pixels rendered off-screen"
+
+
+_RENDER_REMEDY = "`sudo apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri` (only videos need it)"
+
+RENDERING = "headless rendering"
+
+CHECKS: tuple[Check, ...] = (
+    Check("Python packages", check_packages, "run `make setup`"),
+    Check("system libraries", check_system_libraries, _REBUILD),
+    Check("engine import", check_engine, "run `make setup`; mend the system libraries first"),
+    Check("match step", check_match, f"mend the engine import first; else {_REBUILD}"),
+    Check("torch and device", check_torch, "`pip install 'torch>=2.7'`, or run `make setup`"),
+    Check("TensorBoard", check_tensorboard, "`pip install -U tensorboard`, or run `make setup`"),
+    Check("densities", check_densities, "reinstall fbrl: `pip install --force-reinstall fbrl`"),
+    Check(RENDERING, check_rendering, _RENDER_REMEDY, time_limit=180.0, needed=False),
+)
