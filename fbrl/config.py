@@ -1,0 +1,252 @@
+"""The configuration of a training, its presets, and how it is kept in a run's directory."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fbrl.envs.scenarios import check_scenario
+from fbrl.names import check_name
+
+REWARD_NAMES = ("analytics", "checkpoints", "scoring")
+OBSERVATION_NAMES = ("minimap", "smm", "simple115")
+TRANSITION_NAMES = ("possession", "consecutive")
+ACTIVATION_NAMES = ("relu", "tanh")
+
+
+class ConfigError(ValueError):
+    """Raised for a value that no training can be run with."""
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Hyperparameters of proximal policy optimisation (Schulman et al. 2017)."""
+
+    total_frames: int = 1_000_000
+    """Environment steps of the whole training, over all matches."""
+
+    num_envs: int = 8
+    """Matches played side by side."""
+
+    num_steps: int = 512
+    """Steps that each match plays between two updates."""
+
+    num_minibatches: int = 8
+    """Minibatches that a batch of num_envs * num_steps frames is split into."""
+
+    minibatch_size: int | None = None
+    """Frames of a minibatch; if given, it is used instead of num_minibatches."""
+
+    num_epochs: int = 2
+    """Passes over each batch."""
+
+    learning_rate: float = 3.43e-4
+    """Adam's step size at the start."""
+
+    anneal_learning_rate: bool = True
+    """Let the learning rate fall linearly to 0 at total_frames."""
+
+    gamma: float = 0.993
+    """Discount of a step."""
+
+    gae_lambda: float = 0.95
+    """Lambda of generalised advantage estimation."""
+
+    clip_epsilon: float = 0.08
+    """The policy's probability ratio is clipped to 1 plus or minus this."""
+
+    entropy_coeff: float = 0.00155
+    """Weight of the entropy bonus."""
+
+    critic_coeff: float = 0.5
+    """Weight of the value loss, a mean squared error."""
+
+    max_grad_norm: float = 0.64
+    """The gradient is scaled down to this norm."""
+
+    normalize_advantage: bool = True
+    """Shift and scale the advantages of each minibatch to mean 0 and deviation 1."""
+
+    @property
+    def frames_per_batch(self) -> int:
+        """Frames that are collected between two updates."""
+        return self.num_envs * self.num_steps
+
+    @property
+    def num_batches(self) -> int:
+        """Batches of the whole training; the last one may exceed ``total_frames``."""
+        return math.ceil(self.total_frames / self.frames_per_batch)
+
+    @property
+    def frames_per_minibatch(self) -> int:
+        """Frames of a minibatch, however it is configured."""
+        return self.minibatch_size or self.frames_per_batch // self.num_minibatches
+
+    def check(self) -> None:
+        """Raises :class:`ConfigError` for a value out of range."""
+        for name in ("total_frames", "num_envs", "num_steps", "num_minibatches", "num_epochs"):
+            _check(self, name, getattr(self, name) >= 1, "at least 1")
+        for name in ("learning_rate", "clip_epsilon", "max_grad_norm"):
+            value = getattr(self, name)
+            _check(self, name, math.isfinite(value) and value > 0, "a number above 0")
+        for name in ("entropy_coeff", "critic_coeff"):
+            value = getattr(self, name)
+            _check(self, name, math.isfinite(value) and value >= 0, "a number of at least 0")
+        for name in ("gamma", "gae_lambda"):
+            _check(self, name, 0 <= getattr(self, name) <= 1, "in [0, 1]")
+        size = self.minibatch_size
+        batch = self.frames_per_batch
+        if size is not None:
+            _check(self, "minibatch_size", 2 <= size <= batch, f"in [2, {batch}], the batch")
+        else:
+            limit = batch // 2
+            _check(self, "num_minibatches", self.num_minibatches <= limit, f"at most {limit}")
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything that decides how a training goes; :func:`preset_config` fills in a preset."""
+
+    scenario: str
+    """Scenario to train on, such as academy_3_vs_1_with_keeper."""
+
+    preset: str = "light"
+    """Where the defaults come from: light (simple115 and a small network, trains at the engine's
+    speed on a CPU) or thesis (mini map, IMPALA network and Table 5.1; wants a GPU)."""
+
+    reward: str = "analytics"
+    """What is maximised: analytics (goals, and having the ball where real assists are made),
+    checkpoints (gfootball's ten rewards on the way to the goal) or scoring (goals alone)."""
+
+    density: str | None = None
+    """For the analytics reward: file of the assist densities; by default those that fbrl ships."""
+
+    transition: str = "possession"
+    """For the analytics reward: what counts as a received pass, possession (the last controlled
+    player with the ball was another one) or consecutive (the controlled player changed in this
+    very step)."""
+
+    observation: str = "simple115"
+    """What the agent sees: simple115 (115 numbers), minimap (four stacked mini maps as cell
+    indices) or smm (the same as dense planes)."""
+
+    hidden_sizes: tuple[int, ...] = (256, 256)
+    """Layer widths of the network that reads simple115."""
+
+    activation: str = "relu"
+    """Activation of that network, relu or tanh."""
+
+    seed: int = 0
+    """Seeds the matches, the network and the minibatches."""
+
+    device: str = "auto"
+    """Where the network runs: auto (CUDA if there is one), cpu, cuda or cuda:<index>."""
+
+    num_threads: int | None = None
+    """Threads that play the matches; by default one for each available core."""
+
+    run_dir: Path | None = None
+    """New directory for logs and checkpoints; by default one below runs/ that is named after
+    the scenario, the reward, the preset, the seed and the time."""
+
+    checkpoint_interval: int = 100_000
+    """Frames between two checkpoints."""
+
+    eval_episodes: int = 200
+    """Fresh matches played with the trained policy at the end; 0 for none."""
+
+    eval_untrained: bool = False
+    """Play as many with the untrained policy first."""
+
+    ppo: PPOConfig = field(default_factory=PPOConfig)
+    """Hyperparameters of PPO."""
+
+    def check(self) -> None:
+        """Raises :class:`ConfigError`, or ``UnknownScenarioError``, for an impossible value."""
+        check_scenario(self.scenario)
+        check_name("preset", self.preset, PRESETS)
+        check_name("reward", self.reward, REWARD_NAMES)
+        check_name("transition", self.transition, TRANSITION_NAMES)
+        check_name("observation", self.observation, OBSERVATION_NAMES)
+        check_name("activation", self.activation, ACTIVATION_NAMES)
+        _check(self, "hidden_sizes", min(self.hidden_sizes, default=0) >= 1, "positive widths")
+        _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
+        _check(self, "num_threads", (self.num_threads or 1) >= 1, "at least 1")
+        _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
+        _check(self, "eval_episodes", self.eval_episodes >= 0, "at least 0")
+        if self.density is not None and self.reward != "analytics":
+            raise ConfigError(
+                f"A density ({self.density}) is only used by the analytics reward, and the reward "
+                f"is {self.reward}. Leave one of the two out."
+            )
+        self.ppo.check()
+
+
+def _check(config: Any, name: str, holds: bool, allowed: str) -> None:
+    if not holds:
+        raise ConfigError(f"{name} is {getattr(config, name)}; it must be {allowed}.")
+
+
+# Table 5.1 of the thesis; the row of the full matches differs in four values.
+_THESIS_ACADEMY = PPOConfig()
+_THESIS_FULL_MATCH = PPOConfig(
+    total_frames=5_000_000, num_steps=1024, num_minibatches=64, num_epochs=4
+)
+_LIGHT = PPOConfig()
+
+PRESETS = ("light", "thesis")
+
+
+def preset_config(preset: str, scenario: str) -> TrainConfig:
+    """The configuration that a preset gives for a scenario.
+
+    Args:
+        preset: ``"light"`` or ``"thesis"``.
+        scenario: The thesis has other hyperparameters for 11 against 11.
+
+    Raises:
+        ValueError: There is no preset of this name.
+    """
+    check_name("preset", preset, PRESETS)
+    if preset == "light":
+        return TrainConfig(scenario=scenario, preset=preset, ppo=_LIGHT)
+    is_full_match = scenario.startswith("11_vs_11")
+    return TrainConfig(
+        scenario=scenario,
+        preset=preset,
+        observation="minimap",
+        ppo=_THESIS_FULL_MATCH if is_full_match else _THESIS_ACADEMY,
+    )
+
+
+def save_config(config: TrainConfig, path: Path) -> None:
+    """Writes the configuration as JSON."""
+    path.write_text(json.dumps(config_to_dict(config), indent=2) + "\n", encoding="utf-8")
+
+
+def config_to_dict(config: TrainConfig) -> dict[str, Any]:
+    """The configuration in the types that JSON knows."""
+    values = dataclasses.asdict(config)
+    values["run_dir"] = None if config.run_dir is None else str(config.run_dir)
+    values["hidden_sizes"] = list(config.hidden_sizes)
+    return values
+
+
+def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
+    """The configuration that :func:`config_to_dict` made a dictionary of.
+
+    Raises:
+        ConfigError: A field is unknown, or the scenario is missing.
+    """
+    try:
+        ppo = PPOConfig(**values.get("ppo", {}))
+        config = TrainConfig(**{**values, "ppo": ppo})
+    except TypeError as error:
+        raise ConfigError(f"This is no configuration of a training: {error}.") from error
+    run_dir = None if config.run_dir is None else Path(config.run_dir)
+    return dataclasses.replace(config, run_dir=run_dir, hidden_sizes=tuple(config.hidden_sizes))

@@ -1,0 +1,133 @@
+"""Assembles a training environment: matches, reward, observation, sums per episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from torchrl.envs import (
+    Compose,
+    ExcludeTransform,
+    GymWrapper,
+    RewardSum,
+    StepCounter,
+    Transform,
+    TransformedEnv,
+)
+
+from fbrl.density import AssistDensity
+from fbrl.envs.football import FootballVectorEnv
+from fbrl.envs.observation import OBSERVATION_SPACE
+from fbrl.names import check_name
+from fbrl.transforms import (
+    AssistDensityReward,
+    CheckpointReward,
+    MiniMapCells,
+    ScoringReward,
+    Simple115,
+    SuperMiniMap,
+)
+
+REWARDS: Mapping[str, Callable[..., ScoringReward]] = {
+    "analytics": AssistDensityReward,
+    "checkpoints": CheckpointReward,
+    "scoring": ScoringReward,
+}
+"""The rewards by name: the thesis's density reward, gfootball's checkpoints, goals alone."""
+
+OBSERVATIONS: Mapping[str, Callable[[], Transform]] = {
+    "minimap": MiniMapCells,
+    "smm": SuperMiniMap,
+    "simple115": Simple115,
+}
+"""The observations by name, as :func:`fbrl.models.actor_critic.build_actor_critic` knows them."""
+
+EPISODE_PREFIX = "episode_"
+"""``episode_reward``, ``episode_reward_scoring`` and so on: the sums over the episode so far."""
+
+EPISODE_LENGTH = "step_count"
+"""Steps of the episode so far."""
+
+
+def make_reward(reward: str | ScoringReward, **options: Any) -> ScoringReward:
+    """A reward transform from its name and options; a transform is returned as it is.
+
+    Raises:
+        ValueError: There is no reward of this name.
+    """
+    if not isinstance(reward, str):
+        return reward
+    return REWARDS[check_name("reward", reward, REWARDS)](**options)
+
+
+def make_observation(observation: str | Transform) -> Transform:
+    """An observation transform from its name; a transform is returned as it is.
+
+    Raises:
+        ValueError: There is no observation of this name.
+    """
+    if not isinstance(observation, str):
+        return observation
+    return OBSERVATIONS[check_name("observation", observation, OBSERVATIONS)]()
+
+
+def make_env(
+    scenario: str,
+    *,
+    num_envs: int = 8,
+    reward: str | ScoringReward = "analytics",
+    observation: str | Transform = "simple115",
+    density: AssistDensity | str | None = None,
+    transition: str = "possession",
+    num_threads: int | None = None,
+    keep_keys: Iterable[str] = (),
+    seed: int | None = None,
+) -> TransformedEnv:
+    """Makes the vectorised environment that training and evaluation use.
+
+    Args:
+        scenario: A name in :data:`fbrl.envs.SCENARIOS`.
+        num_envs: Number of matches, the batch size of the environment.
+        reward: ``"analytics"``, ``"checkpoints"``, ``"scoring"``, or a transform of that family.
+        observation: ``"minimap"``, ``"smm"``, ``"simple115"``, or a transform.
+        density: For ``"analytics"``: the densities or a file of them, those shipped by default.
+        transition: For ``"analytics"``: ``"possession"`` or ``"consecutive"``.
+        num_threads: Threads that step the matches; one for each available core by default.
+        keep_keys: Raw observation keys to keep; the others are dropped once the reward and the
+            observation are computed, so that a collector neither copies nor stores them.
+        seed: Seeds the matches.
+
+    Returns:
+        An environment on the CPU with batch size (num_envs,) that writes the observation,
+        ``reward`` and its parts, for each of these an ``episode_`` sum, and ``step_count``.
+
+    Raises:
+        ValueError: A name, or a key to keep, is unknown.
+        EngineNotInstalledError: gfootball is missing.
+
+    Examples:
+        >>> env = make_env("academy_empty_goal", num_envs=2, reward="scoring", seed=0)
+        >>> env.rollout(3)["next", "episode_reward_scoring"].shape
+        torch.Size([2, 3, 1])
+    """
+    options = {"density": density, "transition": transition} if reward == "analytics" else {}
+    reward_transform = make_reward(reward, **options)
+    observation_transform = make_observation(observation)
+    needed = {*reward_transform.in_keys, *observation_transform.in_keys} & set(OBSERVATION_SPACE)
+    kept = set(keep_keys)
+    matches = FootballVectorEnv(scenario, num_envs, num_threads, observation_keys=needed | kept)
+    env = GymWrapper(matches, categorical_action_encoding=True)
+    sums = ["reward", *reward_transform.part_names]
+    env = TransformedEnv(
+        env,
+        Compose(
+            reward_transform,
+            observation_transform,
+            RewardSum(in_keys=sums, out_keys=[EPISODE_PREFIX + name for name in sums]),
+            StepCounter(step_count_key=EPISODE_LENGTH),
+            ExcludeTransform(*sorted(needed - kept)),
+        ),
+    )
+    if seed is not None:
+        env.set_seed(seed)
+    return env

@@ -1,0 +1,25 @@
+"""Choosing by name, with an answer that helps where the name is wrong."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+def check_name(kind: str, name: str, allowed: Iterable[str]) -> str:
+    """Returns the name if it is allowed.
+
+    Args:
+        kind: What is chosen, for the message: "reward", say.
+        name: The name that was given.
+        allowed: The names that there are.
+
+    Raises:
+        ValueError: The name is not among them; the message has the nearest, and all of them.
+    """
+    names = list(allowed)
+    if name in names:
+        return name
+    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.3)
+    hint = f" Did you mean {near[0]}?" if near else ""
+    raise ValueError(f"There is no {kind} {name!r}.{hint} Choose from {', '.join(names)}.")
