@@ -144,7 +144,7 @@ class MiniMapCells(Transform):
             )
         frames = self._frame(trajectory)
         done = trajectory.get(("next", "done"), None)
-        cells = frames[_history(frames, done, self.num_frames)]
+        cells = _stack_history(frames, done, self.num_frames)
         self._write(trajectory, cells)
         if ("next", self.in_keys[0]) in trajectory.keys(include_nested=True):
             following = trajectory.get("next")
@@ -243,18 +243,17 @@ def _fill(frame: torch.Tensor, num_frames: int) -> torch.Tensor:
     return frame.unsqueeze(-2).repeat_interleave(num_frames, -2)
 
 
-def _history(
+def _stack_history(
     frames: torch.Tensor, done: torch.Tensor | None, num_frames: int
-) -> tuple[torch.Tensor, ...]:
-    """Indices into ``frames`` of each step's stack, which never reaches into an older episode."""
+) -> torch.Tensor:
+    """Stacks the frames of a trajectory, without reaching into an older episode."""
     batch = frames.shape[:-1]
     time = torch.arange(batch[-1], device=frames.device)
-    first = time.new_zeros(batch)
+    episode_start = time.new_zeros(batch)
     if done is not None:
-        first[..., 1:] = torch.where(done.reshape(batch)[..., :-1], time[1:], 0)
+        ended = done.reshape(batch)[..., :-1]
+        episode_start[..., 1:] = torch.where(ended, time[1:], 0).cummax(-1).values
     age = torch.arange(num_frames - 1, -1, -1, device=frames.device)
-    step = torch.maximum(time[:, None] - age, first.cummax(-1).values.unsqueeze(-1))
-    others = torch.meshgrid(
-        *(torch.arange(n, device=frames.device) for n in batch[:-1]), indexing="ij"
-    )
-    return (*(other[..., None, None] for other in others), step)
+    step = torch.maximum(time[:, None] - age, episode_start.unsqueeze(-1)).flatten(-2)
+    history = frames.gather(-2, step.unsqueeze(-1).expand(*step.shape, CELLS_PER_FRAME))
+    return history.unflatten(-2, (batch[-1], num_frames))
