@@ -98,7 +98,8 @@ find_python
 fresh=
 if [[ -f $STAMP && $(stamped root) != "$ROOT" ]]; then fresh=fresh; fi
 make_venv "$PYTHON_FOUND" "$VENV" "$LOG_DIR" "$fresh"
-rm -f "$STAMP"
+# No longer complete; the choices stay, for the call after a failure.
+printf '%s\nunfinished\n' "$DESCRIPTION" >"$STAMP"
 pip=("$VENV/bin/python" -m pip --disable-pip-version-check)
 
 # torch comes first and by exact version: asking for just any may fetch gigabytes anew.

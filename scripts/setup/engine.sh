@@ -49,6 +49,8 @@ ensure_engine_wheel() {
     say "Engine: compiled before, taken from $cache/$key"
     return
   fi
+  touch "$cache/$key.lock" || die "the cache directory $cache is not writable" \
+    "make it writable, or name another one: make setup XDG_CACHE_HOME=/path/to/a/cache"
   exec 9>"$cache/$key.lock"
   if ! flock --nonblock 9; then
     say "Engine: another set-up is compiling it; waiting for that one"
@@ -103,6 +105,7 @@ build_engine() {
   staging=$(mktemp -d "$(dirname "$target")/.staging.XXXXXX")
   CLEANUP+=("$staging")
   cp "$work"/wheels/gfootball-*.whl "$staging/"
+  chmod 755 "$staging"
   rm -rf "$target"
   mv -T "$staging" "$target"
   say "Engine: kept in $target"

@@ -20,18 +20,33 @@ run_logged() {
   # The command stays in the foreground, so that Ctrl-C reaches it and all its children.
   report_progress "$label" "$log" &
   PROGRESS_PID=$!
+  # pip answers Ctrl-C with an ordinary failure, which is not to be explained as one.
+  trap 'INTERRUPTED=1' INT
   "$@" >"$log" 2>&1 </dev/null || status=$?
+  trap - INT
   stop_progress
   if [[ -t 1 ]]; then printf '\r\033[K'; fi
+  if [[ -n $INTERRUPTED ]]; then
+    printf '\nInterrupted; make setup goes on with what is not done yet.\n' >&2
+    exit 130
+  fi
   if [[ $status -ne 0 ]]; then
-    printf '\n--- last lines of %s\n' "$log" >&2
-    tail -n 25 "$log" | cut -c1-240 >&2
-    printf -- '---\n' >&2
+    show_failure "$log" >&2
     die "$label failed (exit status $status). Full log: $log" "$(remedy_for "$log")"
   fi
   say "$label: done in $((SECONDS - started)) s"
 }
 
+# The errors in a log and its end: with pip's and make's farewells the end alone may say nothing.
+show_failure() {
+  printf '\n--- errors in %s\n' "$1"
+  grep -E '[Ee]rror|ERROR|FATAL|fatal:|Could NOT|No space left' "$1" | tail -n 12 | cut -c1-240 || true
+  printf -- '--- its last lines\n'
+  tail -n 8 "$1" | cut -c1-240
+  printf -- '---\n'
+}
+
+INTERRUPTED=
 PROGRESS_PID=
 stop_progress() {
   [[ -n $PROGRESS_PID ]] || return 0
@@ -41,14 +56,12 @@ stop_progress() {
 }
 
 report_progress() {
-  local label=$1 log=$2 started=$SECONDS pause=30 activity
-  # Without this the pending sleep outlives its killed parent and holds the output pipe open.
-  trap 'kill "${sleeper:-}" 2>/dev/null; exit 0' TERM
+  local label=$1 log=$2 started=$SECONDS pause=30 activity never
+  # Reading what never comes is a sleep that ends with this shell; a sleep process outlives it.
+  exec {never}<> <(:)
   if [[ -t 1 ]]; then pause=1; fi
   while true; do
-    sleep "$pause" &
-    local sleeper=$!
-    wait "$sleeper"
+    read -r -t "$pause" -u "$never" || true
     activity=$(last_activity "$log")
     if [[ -t 1 ]]; then
       printf '\r\033[K    %s: %d s  %s' "$label" "$((SECONDS - started))" "$activity"
@@ -90,7 +103,7 @@ CERTIFICATE_VERIFY_FAILED|sudo apt-get install ca-certificates (or set pip's "ce
 Could not get lock|wait until the other apt or dpkg has ended, then run make setup again
 Unable to locate package;has no installation candidate|enable the distribution's main (Ubuntu: main and universe) package sources, then run make setup again
 Unmet dependencies;unmet dependencies;dpkg was interrupted|sudo dpkg --configure -a && sudo apt-get -f install
-No matching distribution found|check that the package index offers this version for your Python; another torch is chosen with make setup TORCH="torch==X.Y.Z"
+No matching distribution found|check the network and pip's index; if both work, the index has no such version for this Python, and another torch is chosen with make setup TORCH="torch==X.Y.Z"
 Permission denied|make the directory named in the log writable for this user, then run make setup again
 TABLE
   printf 'read the log above, then run make setup again\n'
