@@ -141,7 +141,9 @@ def fit_assist_density(
         >>> import numpy as np
         >>> rng = np.random.default_rng(0)
         >>> starts, ends = rng.normal([[[0.4, 0.0]], [[0.8, 0.0]]], 0.05, (2, 200, 2))
-        >>> density = fit_assist_density(starts, ends, source="made up", filter="none", credit="")
+        >>> density = fit_assist_density(
+        ...     starts, ends, source="made up", filter="none", credit="", columns=101
+        ... )
         >>> density.metadata.n
         200
     """

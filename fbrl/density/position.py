@@ -85,10 +85,9 @@ class PositionDensity(nn.Module):
         node = on_pitch.long()
         column, row = node.unbind(-1)
         along_x, along_y = (on_pitch - node).unbind(-1)
-        corners = self.corners[torch.add(row, column, alpha=self._rows)]
-        weight = along_x.to(corners.dtype).unsqueeze(-1)
-        edges = torch.lerp(corners[..., 0], corners[..., 1], weight)
-        value = torch.lerp(edges[..., 0], edges[..., 1], along_y.to(corners.dtype))
+        corners = self.corners[torch.add(row, column, alpha=self._rows)].to(cells.dtype)
+        edges = torch.lerp(corners[..., 0], corners[..., 1], along_x.unsqueeze(-1))
+        value = torch.lerp(edges[..., 0], edges[..., 1], along_y)
         return value * (on_pitch == cells).all(-1) * self.peak
 
     def extra_repr(self) -> str:
