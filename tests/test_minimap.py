@@ -32,6 +32,7 @@ from torchrl.envs import (
     ParallelEnv,
     RewardSum,
     SerialEnv,
+    Transform,
     TransformedEnv,
     step_mdp,
 )
@@ -291,6 +292,31 @@ def test_a_partial_reset_leaves_the_other_matches_alone():
     assert torch.equal(after[[0, 2]], before[[0, 2]])
     assert (after[1] == after[1, 0]).all()
     assert not torch.equal(after[1], before[1])
+
+
+class Recorder(Transform):
+    """Remembers what the transforms before it made of a reset."""
+
+    def _reset(self, tensordict, tensordict_reset):
+        self.seen = tensordict_reset["minimap_cells"].clone()
+        return tensordict_reset
+
+    _reset_on_native_autoreset = _reset
+
+
+@pytest.mark.parametrize("by_itself", [False, True])
+def test_transforms_behind_see_the_frames_that_a_partial_reset_left_alone(by_itself):
+    recorder = Recorder()
+    env = make_vector_env((9, 9, 9), lambda: Compose(MiniMapCells(), recorder))
+    state = step_mdp(env.rollout(5, break_when_any_done=False)[:, -1])
+    before = state["minimap_cells"].clone()
+    state["_reset"] = torch.tensor([[False], [True], [False]])
+    if by_itself:
+        env._reset_on_native_autoreset(state, state)
+    else:
+        env.reset(state)
+    assert torch.equal(recorder.seen[[0, 2]], before[[0, 2]])
+    assert (recorder.seen[1] == recorder.seen[1, 0]).all()
 
 
 @pytest.mark.parametrize("batched", [SerialEnv, ParallelEnv])
