@@ -92,6 +92,7 @@ class ShapedReward(ScoringReward):
         # Never a `reward_scoring` left over from an earlier step of the same tensordict.
         scoring = self._get(next_tensordict, "reward", "the step's result")
         observation = self._observe(next_tensordict, "the step's result")
+        self._check_shapes(scoring, observation)
         self._write(next_tensordict, memory, observation, scoring)
         return next_tensordict
 
@@ -117,6 +118,7 @@ class ShapedReward(ScoringReward):
         following = self._following(tensordict)
         scoring = self._stored_scoring(following)
         observation = self._observe(following, "'next'")
+        self._check_shapes(scoring, observation)
         memory = tensordict.get(self._keys[self._memory], None)
         if memory is None:
             memory = self._recall(tensordict, following, observation, scoring)
@@ -127,12 +129,6 @@ class ShapedReward(ScoringReward):
     def _write(
         self, following: TensorDictBase, memory: Tensor, observation: Observation, scoring: Tensor
     ) -> None:
-        if scoring.shape != (*memory.shape, 1):
-            raise ValueError(
-                f"{self._keys['reward']!r} has shape {tuple(scoring.shape)}, but "
-                f"{self._keys['ball']!r} and the memory have the leading shape "
-                f"{tuple(memory.shape)}; expected {(*memory.shape, 1)}."
-            )
         remembered = self._remember(memory, observation, scoring.squeeze(-1))
         parts = self._pay(memory, remembered, observation)
         reward = scoring
@@ -143,6 +139,15 @@ class ShapedReward(ScoringReward):
         following.set(self._keys["reward_scoring"], scoring)
         following.set(self._keys["reward"], reward)
         following.set(self._keys[self._memory], remembered)
+
+    def _check_shapes(self, scoring: Tensor, observation: Observation) -> None:
+        shape = observation["ball"].shape[:-1]
+        if scoring.shape != (*shape, 1):
+            raise ValueError(
+                f"{self._keys['reward']!r} has shape {tuple(scoring.shape)}, but "
+                f"{self._keys['ball']!r} has {tuple(observation['ball'].shape)}; expected a reward "
+                f"of shape {(*shape, 1)}."
+            )
 
     def _observe(self, tensordict: TensorDictBase, where: str) -> Observation:
         ball = self._get(tensordict, "ball", where)
@@ -209,7 +214,8 @@ class ShapedReward(ScoringReward):
                     f"Without {self._keys[self._memory]!r}, {type(self).__name__} needs "
                     f"consecutive steps along batch dimension {time}, but {self._keys[name]!r} of "
                     "some step is not what the step before led to. Store the memory with the data, "
-                    "relabel the trajectory before shuffling it, or name its time dimension 'time'."
+                    "relabel the trajectory before shuffling it, or name its time dimension "
+                    "'time'. With a SliceSampler, call this transform on what it returns."
                 )
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:

@@ -1,0 +1,103 @@
+"""``fbrl-train SCENARIO``: trains an agent."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+# Threads that wait for work by spinning would take the cores from the matches; OpenMP reads this
+# when PyTorch is imported.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+import tyro
+from rich.console import Console
+
+from fbrl.cli.errors import fail, parsing
+from fbrl.cli.train_display import TrainDisplay
+from fbrl.config import PRESETS, TrainConfig, preset_config
+
+if TYPE_CHECKING:
+    from fbrl.ppo.trainer import TrainResult
+
+PROGRAM = "fbrl-train"
+
+DESCRIPTION = """Train a football agent with PPO on a scenario of Google Research Football.
+
+The defaults shown are those of the preset light; add --preset thesis to see that one's. Every
+option can be set on top of a preset. Examples:
+
+  fbrl-train academy_3_vs_1_with_keeper
+
+  fbrl-train academy_counterattack_hard --preset thesis --device cuda
+
+  fbrl-train 11_vs_11_easy_stochastic --reward scoring --total-frames 2000000 --num-envs 16
+"""
+
+INTERRUPTED = 130
+"""Exit code of a training that a signal ended, as shells give it."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command; ends the process with 0, 2 on bad usage, or 130 if it was interrupted."""
+    config = parse(sys.argv[1:] if arguments is None else arguments)
+    # Seconds of imports, which --help and a mistyped option needn't wait for.
+    from fbrl.envs import EngineNotInstalledError
+    from fbrl.ppo.trainer import TrainListener, train
+
+    console = Console(highlight=False, soft_wrap=True)
+    try:
+        with TrainDisplay(console, config) as display:
+            result = train(
+                config, TrainListener(display.started, display.metrics, display.evaluation)
+            )
+    except (ValueError, EngineNotInstalledError, OSError) as error:
+        fail(PROGRAM, error)
+    report(console, result)
+    sys.exit(INTERRUPTED if result.interrupted else 0)
+
+
+def parse(arguments: Sequence[str]) -> TrainConfig:
+    """The configuration of a command line: a preset, and what is changed on top of it."""
+    preset_parser = argparse.ArgumentParser(
+        prog=PROGRAM, add_help=False, allow_abbrev=False, exit_on_error=False
+    )
+    preset_parser.add_argument("--preset", default=PRESETS[0])
+    try:
+        preset = preset_parser.parse_known_args(list(arguments))[0].preset
+        # The scenario decides between the rows of the thesis's table, so it is read first.
+        scenario = _parse(arguments, preset_config(preset, "")).scenario
+        config = _parse(arguments, preset_config(preset, scenario))
+        config.check()
+    except (ValueError, argparse.ArgumentError) as error:
+        fail(PROGRAM, error)
+    return config
+
+
+def _parse(arguments: Sequence[str], defaults: TrainConfig) -> TrainConfig:
+    with parsing(PROGRAM):
+        return tyro.cli(
+            TrainConfig,
+            args=list(arguments),
+            prog=PROGRAM,
+            description=DESCRIPTION,
+            default=dataclasses.replace(defaults, scenario=tyro.MISSING),
+            config=(tyro.conf.OmitArgPrefixes, tyro.conf.PositionalRequiredArgs),
+        )
+
+
+def report(console: Console, result: TrainResult) -> None:
+    """Prints what came out of a training, where it is and how to look at it."""
+    for name, evaluation in (("untrained", result.untrained), ("trained", result.trained)):
+        if evaluation is not None:
+            console.print(f"Goal difference, {name}: {evaluation} (mean, 95 % interval)")
+    ended = "Interrupted" if result.interrupted else "Done"
+    where = shlex.quote(str(result.run_dir))
+    console.print(
+        f"{ended} after {result.frames:,} frames. Everything is in {where}; look at it with: "
+        f"tensorboard --host localhost --logdir {where}"
+    )

@@ -1,0 +1,97 @@
+"""The progress of a training: a live bar on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from datetime import timedelta
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from fbrl.config import TrainConfig
+
+if TYPE_CHECKING:
+    import torch
+
+SECONDS_BETWEEN_LINES = 15.0
+
+
+class TrainDisplay:
+    """Shows frames, frames per second, goal difference and the time left.
+
+    Args:
+        console: Where to.
+        config: The training that is shown.
+    """
+
+    def __init__(self, console: Console, config: TrainConfig) -> None:
+        self._console = console
+        self._config = config
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.completed:,.0f}/{task.total:,.0f} {task.fields[status]}"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
+        self._tasks: dict[str, TaskID] = {}
+        self._last_line = 0.0
+
+    def __enter__(self) -> TrainDisplay:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def started(self, run_dir: Path, device: torch.device) -> None:
+        """Says what begins, and where."""
+        config = self._config
+        self._console.print(
+            f"Training on {config.scenario}: {config.reward} reward, preset {config.preset}, "
+            f"{config.ppo.num_envs} matches, {config.ppo.total_frames:,} frames, seed "
+            f"{config.seed}, {device.type}. Ctrl-C saves and ends.\nRun directory: {run_dir}"
+        )
+
+    def metrics(self, frames: int, metrics: Mapping[str, float]) -> None:
+        """Shows an iteration's metrics."""
+        speed = metrics["time/frames_per_second"]
+        status = f"frames, {speed:,.0f} frames/s"
+        if "match/goal_difference" in metrics:
+            status += f", goal difference {metrics['match/goal_difference']:+.2f}"
+        total = self._config.ppo.num_batches * self._config.ppo.frames_per_batch
+        self._update("training", frames, total, status)
+        if self._may_print() or frames >= total:
+            left = timedelta(seconds=round((total - frames) / speed))
+            self._console.print(f"{frames:,}/{total:,} {status}, {left} left")
+
+    def evaluation(self, which: str, done: int, wanted: int) -> None:
+        """Shows how many matches of an evaluation are over."""
+        self._update(f"evaluating the {which} policy", min(done, wanted), wanted, "matches")
+        if self._may_print():
+            self._console.print(f"evaluating the {which} policy: {done}/{wanted} matches")
+
+    def _update(self, description: str, done: int, total: int, status: str) -> None:
+        if description not in self._tasks:
+            for task in self._tasks.values():
+                self._bar.update(task, visible=False)
+            self._tasks[description] = self._bar.add_task(description, total=total, status=status)
+        self._bar.update(self._tasks[description], completed=done, total=total, status=status)
+
+    def _may_print(self) -> bool:
+        now = time.monotonic()
+        if self._console.is_terminal or now - self._last_line < SECONDS_BETWEEN_LINES:
+            return False
+        self._last_line = now
+        return True

@@ -1,0 +1,137 @@
+"""Proximal policy optimisation on any TorchRL environment with discrete actions."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.envs import EnvBase
+from torchrl.objectives import ClipPPOLoss
+
+from fbrl.collect import make_collector
+from fbrl.config import PPOConfig
+from fbrl.models.actor_critic import ActorCritic
+from fbrl.ppo.advantages import add_advantages, explained_variance
+from fbrl.ppo.update import minibatches, update
+
+
+class PPO:
+    """Collects batches and learns from them; training is ``collect`` and ``learn`` in turn.
+
+    Args:
+        env: Vectorised environment with batch size (num_envs,).
+        model: Actor-critic whose trunk reads the environment's observation. It is trained in
+            place, on the device where it is.
+        config: Hyperparameters.
+
+    Use it as a context manager, or call :meth:`close`, so that collection ends.
+
+    Attributes:
+        frames: Frames learned from so far.
+
+    Examples:
+        >>> from fbrl.envs import make_env
+        >>> from fbrl.models.actor_critic import build_actor_critic
+        >>> config = PPOConfig(total_frames=64, num_envs=2, num_steps=16, num_minibatches=2)
+        >>> env = make_env("academy_empty_goal", num_envs=2, seed=0)
+        >>> with PPO(env, build_actor_critic("simple115"), config) as ppo:
+        ...     while ppo.frames < config.total_frames:
+        ...         losses = ppo.learn(ppo.collect())
+        >>> ppo.frames
+        64
+    """
+
+    def __init__(self, env: EnvBase, model: ActorCritic, config: PPOConfig) -> None:
+        self.model = model
+        self.config = config
+        self.frames = 0
+        device = next(model.parameters()).device
+        self._collector = make_collector(
+            env,
+            model.get_collection_policy(),
+            frames_per_batch=config.frames_per_batch,
+            total_frames=config.num_batches * config.frames_per_batch,
+            device=device,
+        )
+        self._batches = iter(self._collector)
+        # The value head alone: it reads what the actor's trunk has left, so the trunk runs once.
+        self.loss = ClipPPOLoss(
+            model.get_policy_operator(),
+            model.get_value_head(),
+            clip_epsilon=config.clip_epsilon,
+            entropy_coeff=config.entropy_coeff,
+            critic_coeff=config.critic_coeff,
+            loss_critic_type="l2",
+            normalize_advantage=config.normalize_advantage,
+        )
+        # eps as in OpenAI's Baselines, on which the thesis and gfootball's own training ran.
+        self.optimizer = torch.optim.Adam(self.loss.parameters(), config.learning_rate, eps=1e-5)
+        self._learned_keys = [
+            *model.get_value_operator().in_keys,
+            "action",
+            "action_log_prob",
+            "advantage",
+            "value_target",
+            "state_value",
+        ]
+
+    def __enter__(self) -> PPO:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends collection; the environment stays open."""
+        self._collector.shutdown(close_env=False)
+
+    def collect(self) -> TensorDictBase:
+        """Plays ``num_steps`` steps in each match.
+
+        Returns:
+            A batch of shape (num_envs, num_steps), valid until the next call.
+        """
+        return next(self._batches)
+
+    def learn(self, batch: TensorDictBase) -> dict[str, float]:
+        """Updates the model with a batch.
+
+        Returns:
+            Means over the updates of what :func:`fbrl.ppo.update.update` returns, with
+            ``explained_variance`` and ``learning_rate``.
+        """
+        config = self.config
+        learning_rate = self._set_learning_rate()
+        add_advantages(
+            batch,
+            self.model.get_value_operator(),
+            gamma=config.gamma,
+            gae_lambda=config.gae_lambda,
+        )
+        flat = batch.select(*self._learned_keys).reshape(-1)
+        steps = [
+            update(self.loss, self.optimizer, minibatch, config.max_grad_norm)
+            for _ in range(config.num_epochs)
+            for minibatch in minibatches(flat, config.frames_per_minibatch)
+        ]
+        self.frames += batch.numel()
+        means = TensorDict.stack(steps).mean(0)
+        means["explained_variance"] = explained_variance(flat)
+        # The one place where learning waits for the device.
+        losses = {name: float(value) for name, value in means.cpu().items()}
+        return {**losses, "learning_rate": learning_rate}
+
+    def _set_learning_rate(self) -> float:
+        """The rate falls linearly with the frames learned from before this batch."""
+        learning_rate = self.config.learning_rate
+        if self.config.anneal_learning_rate:
+            learning_rate *= max(0.0, 1 - self.frames / self.config.total_frames)
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate
+        return learning_rate

@@ -1,0 +1,213 @@
+"""A training run from its configuration to its last checkpoint."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from fbrl.checkpoint import CHECKPOINT_NAME, save_checkpoint
+from fbrl.config import ConfigError, TrainConfig, config_to_dict, save_config
+from fbrl.envs.factory import make_env, make_reward
+from fbrl.evaluate import Evaluation, evaluate
+from fbrl.interrupt import Interrupt, Interrupted
+from fbrl.models.actor_critic import ActorCritic, build_actor_critic
+from fbrl.monitor import Monitor
+from fbrl.ppo.algorithm import PPO
+
+
+@dataclass(frozen=True)
+class TrainListener:
+    """What to call as a training goes on; by default nothing.
+
+    Attributes:
+        on_start: With the run's directory and the device, once they are there.
+        on_metrics: With the frames done and the metrics of each iteration.
+        on_evaluation: With ``"untrained"`` or ``"trained"``, matches done and matches wanted.
+    """
+
+    on_start: Callable[[Path, torch.device], None] = lambda run_dir, device: None
+    on_metrics: Callable[[int, Mapping[str, float]], None] = lambda frames, metrics: None
+    on_evaluation: Callable[[str, int, int], None] = lambda which, done, wanted: None
+
+
+@dataclass(frozen=True)
+class TrainResult:
+    """How a training ended.
+
+    Attributes:
+        run_dir: Where everything is.
+        frames: Frames trained on.
+        interrupted: A signal stopped it before its end.
+        untrained: The evaluation before the training, where one was asked for.
+        trained: The evaluation after it, unless it was interrupted or none was asked for.
+    """
+
+    run_dir: Path
+    frames: int
+    interrupted: bool
+    untrained: Evaluation | None
+    trained: Evaluation | None
+
+
+def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainResult:
+    """Trains an agent; see :class:`fbrl.config.TrainConfig` for what can be decided.
+
+    The run's directory gets ``config.json``, TensorBoard events, ``metrics.csv`` and
+    ``checkpoints/last.pt``. Ctrl-C and SIGTERM end the training with a checkpoint.
+
+    Raises:
+        ConfigError: A value is impossible, or the run's directory can't be used.
+        UnknownScenarioError: There is no such scenario.
+        EngineNotInstalledError: gfootball is missing.
+    """
+    listener = listener or TrainListener()
+    config.check()
+    device = choose_device(config.device)
+    torch.manual_seed(config.seed)
+    model = make_model(config, device)
+    env = make_env(config.scenario, seed=config.seed, **_env_options(config))
+    run_dir = make_run_dir(config)
+    save_config(dataclasses.replace(config, run_dir=run_dir), run_dir / "config.json")
+    listener.on_start(run_dir, device)
+
+    untrained = trained = None
+    parts = make_reward(config.reward).part_names
+    with (
+        Interrupt() as interrupt,
+        Monitor(run_dir, parts) as monitor,
+        PPO(env, model, config.ppo) as ppo,
+    ):
+        try:
+            if config.eval_untrained and config.eval_episodes:
+                with interrupt.allowed():
+                    untrained = evaluate_model(config, model, "untrained", listener)
+                monitor.log_evaluation(untrained, frames=0)
+
+            saved_at = 0
+            while ppo.frames < config.ppo.total_frames:
+                started = time.perf_counter()
+                with interrupt.allowed():
+                    batch = ppo.collect()
+                collected = time.perf_counter()
+                losses = ppo.learn(batch)
+                learned = time.perf_counter()
+                metrics = monitor.log_iteration(
+                    ppo.frames, batch, losses, collected - started, learned - collected
+                )
+                listener.on_metrics(ppo.frames, metrics)
+                if ppo.frames - saved_at >= config.checkpoint_interval:
+                    _save(run_dir, config, ppo)
+                    saved_at = ppo.frames
+
+            _save(run_dir, config, ppo)
+            if config.eval_episodes:
+                with interrupt.allowed():
+                    trained = evaluate_model(config, model, "trained", listener)
+                monitor.log_evaluation(trained, ppo.frames)
+        except Interrupted:
+            _save(run_dir, config, ppo)
+    env.close()
+    return TrainResult(run_dir, ppo.frames, interrupt.requested, untrained, trained)
+
+
+def choose_device(name: str) -> torch.device:
+    """The device of a name; ``"auto"`` is CUDA where there is one, else the CPU.
+
+    Raises:
+        ConfigError: There is no such device here.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+    except RuntimeError as error:
+        raise ConfigError(f"device is {name!r}; it must be auto, cpu, cuda or cuda:1.") from error
+    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+        raise ConfigError(
+            f"device is {name!r}, but PyTorch finds {torch.cuda.device_count()} CUDA devices. "
+            "Use --device cpu, or install a CUDA build of PyTorch and its driver."
+        )
+    if device.type not in ("cpu", "cuda"):
+        raise ConfigError(f"device is {name!r}; it must be auto, cpu, cuda or cuda:1.")
+    return device
+
+
+def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
+    """The network that a configuration asks for, with fresh weights."""
+    return build_actor_critic(
+        config.observation,  # type: ignore[arg-type]  # checked against its names
+        hidden_sizes=config.hidden_sizes,
+        activation=config.activation,  # type: ignore[arg-type]
+        device=device,
+    )
+
+
+def make_run_dir(config: TrainConfig) -> Path:
+    """Makes the directory of a run.
+
+    Raises:
+        ConfigError: It has something in it already, or can't be made.
+    """
+    run_dir = config.run_dir
+    if run_dir is None:
+        now = datetime.now().strftime("%Y%m%d-%H%M%S")
+        name = f"{config.reward}-{config.preset}-seed{config.seed}-{now}"
+        run_dir = Path("runs") / config.scenario / name
+    try:
+        run_dir.mkdir(parents=True, exist_ok=True)
+        occupied = any(run_dir.iterdir())
+    except OSError as error:
+        raise ConfigError(f"The run directory {run_dir} can't be made: {error}.") from error
+    if occupied:
+        raise ConfigError(f"The run directory {run_dir} is not empty: choose a new one.")
+    return run_dir
+
+
+def evaluate_model(
+    config: TrainConfig, model: ActorCritic, which: str, listener: TrainListener
+) -> Evaluation:
+    """Plays fresh matches of the training's scenario with the policy's sampled actions."""
+    wanted = config.eval_episodes
+    # The matches and the random numbers of the evaluation leave the training's as they are.
+    seed = (config.seed + 2**31) % 2**32
+    env = make_env(config.scenario, seed=seed, **{**_env_options(config), "reward": "scoring"})
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        try:
+            return evaluate(
+                env,
+                model.get_collection_policy(),
+                wanted,
+                device=next(model.parameters()).device,
+                on_progress=lambda done: listener.on_evaluation(which, done, wanted),
+            )
+        finally:
+            env.close()
+
+
+def _env_options(config: TrainConfig) -> dict[str, Any]:
+    return {
+        "num_envs": config.ppo.num_envs,
+        "reward": config.reward,
+        "observation": config.observation,
+        "density": config.density,
+        "transition": config.transition,
+        "num_threads": config.num_threads,
+    }
+
+
+def _save(run_dir: Path, config: TrainConfig, ppo: PPO) -> None:
+    save_checkpoint(
+        run_dir / CHECKPOINT_NAME,
+        config=config_to_dict(config),
+        frames=ppo.frames,
+        model=ppo.model.state_dict(),
+        optimizer=ppo.optimizer.state_dict(),
+    )

@@ -1,0 +1,64 @@
+"""One gradient step of PPO on a minibatch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import nn
+from torch.optim import Optimizer
+from torchrl.objectives import ClipPPOLoss
+
+
+def minibatches(batch: TensorDictBase, frames_per_minibatch: int) -> Iterator[TensorDictBase]:
+    """Splits a flat batch at random into minibatches of one size; a remainder is left out.
+
+    Args:
+        batch: Shape (frames,).
+        frames_per_minibatch: Size of each minibatch.
+    """
+    frames = batch.shape[0]
+    order = torch.randperm(frames, device=batch.device)
+    whole = frames - frames % frames_per_minibatch
+    for index in order[:whole].split(frames_per_minibatch):
+        yield batch[index]
+
+
+def update(
+    loss_module: ClipPPOLoss,
+    optimizer: Optimizer,
+    minibatch: TensorDictBase,
+    max_grad_norm: float,
+) -> TensorDictBase:
+    """Takes one step down the gradient of the clipped surrogate, the critic and the entropy loss.
+
+    Args:
+        loss_module: The loss, over the parameters that the optimizer holds.
+        optimizer: Takes the step.
+        minibatch: Shape (frames,) with the observation, ``action``, ``action_log_prob``,
+            ``advantage`` and ``value_target``.
+        max_grad_norm: The gradient is scaled down to this norm.
+
+    Returns:
+        Scalars on the minibatch's device, not read back, so that a GPU needn't wait:
+        ``policy_loss``, ``value_loss``, ``entropy``, ``approx_kl``, ``clip_fraction`` and
+        ``gradient_norm`` (before scaling).
+    """
+    losses = loss_module(minibatch)
+    loss = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
+    optimizer.zero_grad(set_to_none=True)
+    loss.backward()
+    parameters = [p for group in optimizer.param_groups for p in group["params"]]
+    gradient_norm = nn.utils.clip_grad_norm_(parameters, max_grad_norm)
+    optimizer.step()
+    return TensorDict(
+        {
+            "policy_loss": losses["loss_objective"].detach(),
+            "value_loss": losses["loss_critic"].detach(),
+            "entropy": losses["entropy"],
+            "approx_kl": losses["kl_approx"],
+            "clip_fraction": losses["clip_fraction"],
+            "gradient_norm": gradient_norm,
+        }
+    )
