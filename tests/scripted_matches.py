@@ -32,7 +32,7 @@ def random_scoring(random: np.random.Generator) -> float:
 @st.composite
 def states(draw: st.DrawFn) -> dict[str, Any]:
     """Any state, with the ball also on the lines, outside the pitch, or nowhere."""
-    x = st.sampled_from([-1.0, 1.0, 1.01, float("nan")]) | st.floats(-1.2, 1.2, width=32)
+    x = st.sampled_from([-1.0, 1.0, 1.01, float("nan")]) | st.floats(-1.25, 1.25, width=32)
     y = st.sampled_from([-0.42, 0.42, 0.43, float("nan")]) | st.floats(-0.5, 0.5, width=32)
     return {
         "ball": np.array([draw(x), draw(y), 0.0], np.float32),
