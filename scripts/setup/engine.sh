@@ -116,7 +116,7 @@ make_build_venv() {
   "$1" -m venv "$2" && "$2/bin/python" -m pip install "setuptools<81" wheel psutil
 }
 
-# Left alone, CMake takes the newest Python that it finds anywhere, not the one we build for.
+# Left alone, CMake may take another of the machine's Pythons than the one we build for.
 write_toolchain() {
   "$1" - >"$2" <<'PYTHON'
 import os
