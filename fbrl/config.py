@@ -91,12 +91,11 @@ class PPOConfig:
         """Raises :class:`ConfigError` for a value out of range."""
         for name in ("total_frames", "num_envs", "num_steps", "num_minibatches", "num_epochs"):
             _check(self, name, getattr(self, name) >= 1, "at least 1")
-        for name in ("learning_rate", "clip_epsilon", "max_grad_norm"):
+        for name in ("learning_rate", "clip_epsilon", "critic_coeff", "max_grad_norm"):
             value = getattr(self, name)
             _check(self, name, math.isfinite(value) and value > 0, "a number above 0")
-        for name in ("entropy_coeff", "critic_coeff"):
-            value = getattr(self, name)
-            _check(self, name, math.isfinite(value) and value >= 0, "a number of at least 0")
+        entropy = self.entropy_coeff
+        _check(self, "entropy_coeff", math.isfinite(entropy) and entropy >= 0, "at least 0")
         for name in ("gamma", "gae_lambda"):
             _check(self, name, 0 <= getattr(self, name) <= 1, "in [0, 1]")
         size = self.minibatch_size

@@ -15,7 +15,6 @@ from torchrl.envs import (
     TransformedEnv,
 )
 
-from fbrl.density import AssistDensity
 from fbrl.envs.football import FootballVectorEnv
 from fbrl.envs.observation import OBSERVATION_SPACE
 from fbrl.names import check_name
@@ -77,8 +76,6 @@ def make_env(
     num_envs: int = 8,
     reward: str | ScoringReward = "analytics",
     observation: str | Transform = "simple115",
-    density: AssistDensity | str | None = None,
-    transition: str = "possession",
     num_threads: int | None = None,
     keep_keys: Iterable[str] = (),
     seed: int | None = None,
@@ -88,10 +85,9 @@ def make_env(
     Args:
         scenario: A name in :data:`fbrl.envs.SCENARIOS`.
         num_envs: Number of matches, the batch size of the environment.
-        reward: ``"analytics"``, ``"checkpoints"``, ``"scoring"``, or a transform of that family.
+        reward: ``"analytics"``, ``"checkpoints"``, ``"scoring"``, or a transform of that family,
+            such as ``AssistDensityReward(transition="consecutive")``.
         observation: ``"minimap"``, ``"smm"``, ``"simple115"``, or a transform.
-        density: For ``"analytics"``: the densities or a file of them, those shipped by default.
-        transition: For ``"analytics"``: ``"possession"`` or ``"consecutive"``.
         num_threads: Threads that step the matches; one for each available core by default.
         keep_keys: Raw observation keys to keep; the others are dropped once the reward and the
             observation are computed, so that a collector neither copies nor stores them.
@@ -110,8 +106,7 @@ def make_env(
         >>> env.rollout(3)["next", "episode_reward_scoring"].shape
         torch.Size([2, 3, 1])
     """
-    options = {"density": density, "transition": transition} if reward == "analytics" else {}
-    reward_transform = make_reward(reward, **options)
+    reward_transform = make_reward(reward)
     observation_transform = make_observation(observation)
     needed = {*reward_transform.in_keys, *observation_transform.in_keys} & set(OBSERVATION_SPACE)
     kept = set(keep_keys)

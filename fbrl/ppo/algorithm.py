@@ -6,6 +6,7 @@ from types import TracebackType
 
 import torch
 from tensordict import TensorDict, TensorDictBase
+from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 from torchrl.objectives import ClipPPOLoss
 
@@ -46,15 +47,8 @@ class PPO:
         self.model = model
         self.config = config
         self.frames = 0
-        device = next(model.parameters()).device
-        self._collector = make_collector(
-            env,
-            model.get_collection_policy(),
-            frames_per_batch=config.frames_per_batch,
-            total_frames=config.num_batches * config.frames_per_batch,
-            device=device,
-        )
-        self._batches = iter(self._collector)
+        self._env = env
+        self._collector: Collector | None = None
         # The value head alone: it reads what the actor's trunk has left, so the trunk runs once.
         self.loss = ClipPPOLoss(
             model.get_policy_operator(),
@@ -89,14 +83,26 @@ class PPO:
 
     def close(self) -> None:
         """Ends collection; the environment stays open."""
-        self._collector.shutdown(close_env=False)
+        if self._collector is not None:
+            self._collector.shutdown(close_env=False)
 
     def collect(self) -> TensorDictBase:
         """Plays ``num_steps`` steps in each match.
 
+        The first call resets the environment, so it may be seeded, or used, until then.
+
         Returns:
             A batch of shape (num_envs, num_steps), valid until the next call.
         """
+        if self._collector is None:
+            self._collector = make_collector(
+                self._env,
+                self.model.get_collection_policy(),
+                frames_per_batch=self.config.frames_per_batch,
+                total_frames=self.config.num_batches * self.config.frames_per_batch,
+                device=next(self.model.parameters()).device,
+            )
+            self._batches = iter(self._collector)
         return next(self._batches)
 
     def learn(self, batch: TensorDictBase) -> dict[str, float]:

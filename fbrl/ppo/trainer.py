@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torchrl.envs import EnvBase
 
 from fbrl.checkpoint import CHECKPOINT_NAME, save_checkpoint
 from fbrl.config import ConfigError, TrainConfig, config_to_dict, save_config
@@ -72,24 +73,31 @@ def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainRe
     device = choose_device(config.device)
     torch.manual_seed(config.seed)
     model = make_model(config, device)
-    env = make_env(config.scenario, seed=config.seed, **_env_options(config))
+    reward = make_reward(config.reward, **_reward_options(config))
+    env = make_env(
+        config.scenario,
+        num_envs=config.ppo.num_envs,
+        reward=reward,
+        observation=config.observation,
+        num_threads=config.num_threads,
+    )
     run_dir = make_run_dir(config)
     save_config(dataclasses.replace(config, run_dir=run_dir), run_dir / "config.json")
     listener.on_start(run_dir, device)
 
     untrained = trained = None
-    parts = make_reward(config.reward).part_names
     with (
         Interrupt() as interrupt,
-        Monitor(run_dir, parts) as monitor,
+        Monitor(run_dir, reward.part_names) as monitor,
         PPO(env, model, config.ppo) as ppo,
     ):
         try:
             if config.eval_untrained and config.eval_episodes:
                 with interrupt.allowed():
-                    untrained = evaluate_model(config, model, "untrained", listener)
+                    untrained = _evaluate(config, env, model, "untrained", listener)
                 monitor.log_evaluation(untrained, frames=0)
 
+            env.set_seed(config.seed)
             saved_at = 0
             while ppo.frames < config.ppo.total_frames:
                 started = time.perf_counter()
@@ -109,7 +117,7 @@ def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainRe
             _save(run_dir, config, ppo)
             if config.eval_episodes:
                 with interrupt.allowed():
-                    trained = evaluate_model(config, model, "trained", listener)
+                    trained = _evaluate(config, env, model, "trained", listener)
                 monitor.log_evaluation(trained, ppo.frames)
         except Interrupted:
             _save(run_dir, config, ppo)
@@ -170,37 +178,30 @@ def make_run_dir(config: TrainConfig) -> Path:
     return run_dir
 
 
-def evaluate_model(
-    config: TrainConfig, model: ActorCritic, which: str, listener: TrainListener
+def _evaluate(
+    config: TrainConfig, env: EnvBase, model: ActorCritic, which: str, listener: TrainListener
 ) -> Evaluation:
-    """Plays fresh matches of the training's scenario with the policy's sampled actions."""
-    wanted = config.eval_episodes
-    # The matches and the random numbers of the evaluation leave the training's as they are.
+    """Plays fresh matches in the training's environment, with the policy's sampled actions."""
+    # Other matches than those of the training; and whether an evaluation was played changes
+    # neither the training's matches nor its random numbers.
     seed = (config.seed + 2**31) % 2**32
-    env = make_env(config.scenario, seed=seed, **{**_env_options(config), "reward": "scoring"})
-    with torch.random.fork_rng(devices=[]):
+    env.set_seed(seed)
+    device = next(model.parameters()).device
+    with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         torch.manual_seed(seed)
-        try:
-            return evaluate(
-                env,
-                model.get_collection_policy(),
-                wanted,
-                device=next(model.parameters()).device,
-                on_progress=lambda done: listener.on_evaluation(which, done, wanted),
-            )
-        finally:
-            env.close()
+        return evaluate(
+            env,
+            model.get_collection_policy(),
+            config.eval_episodes,
+            device=device,
+            on_progress=lambda done: listener.on_evaluation(which, done, config.eval_episodes),
+        )
 
 
-def _env_options(config: TrainConfig) -> dict[str, Any]:
-    return {
-        "num_envs": config.ppo.num_envs,
-        "reward": config.reward,
-        "observation": config.observation,
-        "density": config.density,
-        "transition": config.transition,
-        "num_threads": config.num_threads,
-    }
+def _reward_options(config: TrainConfig) -> dict[str, Any]:
+    if config.reward != "analytics":
+        return {}
+    return {"density": config.density, "transition": config.transition}
 
 
 def _save(run_dir: Path, config: TrainConfig, ppo: PPO) -> None:
