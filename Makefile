@@ -22,7 +22,8 @@ setup: ## System packages, .venv, engine and fbrl; skips what is done (implied b
 	@scripts/setup.sh
 
 train: setup ## Train an agent and evaluate it: SCENARIO, PRESET, FRAMES, SEED, ARGS
-	$(BIN)/fbrl-train $(SCENARIO) --preset $(PRESET) --total-frames $(FRAMES) --seed $(SEED) $(ARGS)
+	$(BIN)/fbrl-train $(SCENARIO) --preset $(PRESET) --total-frames $(FRAMES) --seed $(SEED) \
+		--eval-untrained $(ARGS)
 
 lint: setup ## Style, format and type checks
 	$(BIN)/ruff check .
