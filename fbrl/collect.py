@@ -13,7 +13,6 @@ def make_collector(
     policy: TensorDictModuleBase,
     *,
     frames_per_batch: int,
-    total_frames: int,
     device: torch.device,
 ) -> Collector:
     """A collector that steps all matches together in this process.
@@ -25,18 +24,18 @@ def make_collector(
         env: A vectorised environment with batch size (num_envs,).
         policy: Reads the observation; writes ``action``, ``action_log_prob``, ``state_value``.
         frames_per_batch: Frames of each batch, a multiple of ``num_envs``.
-        total_frames: Frames of all batches.
         device: Where the policy runs and the batches lie.
 
     Returns:
-        An iterable of batches of shape (num_envs, frames_per_batch // num_envs). A batch is
+        An endless iterable of batches of shape (num_envs, frames_per_batch // num_envs). A batch is
         valid until the next one is asked for.
     """
     return Collector(
         env,
         policy,
         frames_per_batch=frames_per_batch,
-        total_frames=total_frames,
+        # Without end: at the end of its frames a collector closes the environment.
+        total_frames=-1,
         env_device="cpu",
         policy_device=device,
         storing_device=device,

@@ -99,7 +99,6 @@ class PPO:
                 self._env,
                 self.model.get_collection_policy(),
                 frames_per_batch=self.config.frames_per_batch,
-                total_frames=self.config.num_batches * self.config.frames_per_batch,
                 device=next(self.model.parameters()).device,
             )
             self._batches = iter(self._collector)

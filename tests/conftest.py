@@ -1,0 +1,30 @@
+"""What several test modules share."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def run_program(tmp_path):
+    """Runs one of fbrl's commands as a user would, in an empty directory."""
+
+    def run(*arguments, timeout=300):
+        program = Path(sys.executable).with_name(arguments[0])
+        return subprocess.run(
+            [program, *map(str, arguments[1:])],
+            cwd=tmp_path,
+            env={**os.environ, "COLUMNS": "200"},
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+        )
+
+    return run
