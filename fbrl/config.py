@@ -175,7 +175,7 @@ class TrainConfig:
         check_name("activation", self.activation, ACTIVATION_NAMES)
         _check(self, "hidden_sizes", min(self.hidden_sizes, default=0) >= 1, "positive widths")
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
-        _check(self, "num_threads", (self.num_threads or 1) >= 1, "at least 1")
+        _check(self, "num_threads", self.num_threads is None or self.num_threads >= 1, "at least 1")
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
         _check(self, "eval_episodes", self.eval_episodes >= 0, "at least 0")
         if self.density is not None and self.reward != "analytics":

@@ -22,7 +22,7 @@ _EPILOG = """\
 exit status: 0 if all that training needs works (rendering is not needed: only a warning),
 1 if something needed fails, 2 for a wrong option."""
 
-_COLOURS = {"ok": "green", "warn": "yellow", "fail": "bold red", "skip": "dim"}
+_COLOURS = {"ok": "green", "warn": "yellow", "fail": "bold red"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -42,7 +42,7 @@ class CheckResult:
 
     Attributes:
         name: Name of the check.
-        status: ``"ok"``, ``"warn"``, ``"fail"`` or ``"skip"``.
+        status: ``"ok"``, ``"warn"`` or ``"fail"``.
         detail: What was found, in one line.
         remedy: What mends it; empty where nothing has to be mended.
         seconds: How long the check took, its process included.
