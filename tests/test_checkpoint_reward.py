@@ -140,6 +140,20 @@ def test_the_thresholds_are_gfootballs_to_the_last_bit(k):
         paid_for((with_ball_at(float(x)), 0.0))
 
 
+def test_a_ball_exactly_at_a_threshold_collects_it():
+    tried = 0
+    for k in range(10):
+        threshold = 0.99 - 0.8 / 9 * k
+        x = np.float64(1 - threshold)
+        for _ in range(4):
+            if ((x - 1) ** 2 + 0.0**2) ** 0.5 == threshold:
+                tried += 1
+                state = with_ball_at(0.0) | {"ball": np.array([x, 0.0, 0.0])}
+                assert paid_for((state, 0.0)) == [pytest.approx(0.1 * (k + 1))]
+            x = np.nextafter(x, 2)
+    assert tried >= 5
+
+
 def test_a_ball_that_is_nowhere_collects_nothing():
     data = stored_trajectory([(with_ball_at(0.0), [(with_ball_at(float("nan")), 0.0)])])
     assert CheckpointReward()(data)["next", "reward_checkpoint"].item() == 0
