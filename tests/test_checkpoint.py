@@ -56,7 +56,7 @@ def test_a_truncated_file_is_refused_by_name(checkpoint, size):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(CheckpointError, match="no checkpoint at .*nowhere"):
+    with pytest.raises(CheckpointError, match=r"no checkpoint at .*nowhere"):
         load_checkpoint(tmp_path / "nowhere")
     with pytest.raises(CheckpointError, match=r"no checkpoint at .*last\.pt"):
         load_checkpoint(tmp_path)

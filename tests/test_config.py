@@ -12,7 +12,6 @@ from fbrl.config import (
     PPOConfig,
     TrainConfig,
     config_from_dict,
-    config_to_dict,
     preset_config,
     save_config,
 )

@@ -5,10 +5,10 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 import pytest
+import stable_baselines3
 import torch
 from gymnasium.vector import AutoresetMode
 from scipy import stats
-from stable_baselines3 import PPO as PeerPPO
 from stable_baselines3.common.env_util import make_vec_env
 from torch import nn
 from torchrl.envs import GymWrapper, RewardSum, TransformedEnv
@@ -73,7 +73,7 @@ def our_returns(seed):
 
 def peer_returns(seed):
     torch.manual_seed(seed)
-    ppo = PeerPPO(
+    ppo = stable_baselines3.PPO(
         "MlpPolicy",
         make_vec_env("CartPole-v1", n_envs=CONFIG.num_envs, seed=seed),
         n_steps=CONFIG.num_steps,

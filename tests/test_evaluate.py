@@ -1,0 +1,91 @@
+"""Evaluation: which matches count, the interval, and repeatability."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torchrl.modules.tensordict_module.exploration import RandomPolicy
+
+from fbrl.envs import make_env
+from fbrl.evaluate import Evaluation, evaluate
+from fbrl.models.actor_critic import build_actor_critic
+
+SCENARIO = "academy_3_vs_1_with_keeper"
+
+
+def test_the_interval_covers_the_mean_as_often_as_it_says():
+    rng = np.random.default_rng(0)
+    covered = 0
+    for _ in range(200):
+        goals = rng.choice([-1, 0, 1], p=[0.1, 0.6, 0.3], size=100)
+        low, high = Evaluation(goals, np.ones(100)).interval
+        covered += low <= 0.2 <= high
+    assert 180 <= covered <= 199
+
+
+def test_the_interval_is_that_of_the_normal_approximation_where_that_holds():
+    goals = np.repeat([0.0, 1.0], [120, 280])
+    evaluation = Evaluation(goals, np.ones(400))
+    low, high = evaluation.interval
+    error = 1.96 * goals.std(ddof=1) / 20
+    assert evaluation.goal_difference == pytest.approx(0.7)
+    assert low == pytest.approx(0.7 - error, abs=0.005)
+    assert high == pytest.approx(0.7 + error, abs=0.005)
+    assert evaluation.interval == (low, high)
+    assert str(evaluation) == f"0.700 [{low:.3f}, {high:.3f}] over 400 matches"
+
+
+def test_equal_results_have_an_interval_of_no_width():
+    assert Evaluation(np.ones(10), np.ones(10)).interval == (1.0, 1.0)
+
+
+def play(seed, episodes=10, num_envs=3, greedy=False):
+    env = make_env(SCENARIO, num_envs=num_envs, reward="scoring", seed=seed)
+    torch.manual_seed(0)
+    policy = build_actor_critic("simple115").get_collection_policy()
+    with torch.no_grad():
+        policy.policy_head.weight.mul_(300)
+    progress = []
+    result = evaluate(env, policy, episodes, greedy=greedy, on_progress=progress.append)
+    env.close()
+    return result, progress
+
+
+def test_each_place_plays_the_same_even_number_of_whole_matches():
+    result, progress = play(seed=1)
+    # 10 matches in 3 places: 4 each.
+    assert len(result.lengths) == len(result.goal_differences) == 12
+    assert progress[-1] == 12
+    assert progress == sorted(progress)
+    assert set(result.goal_differences) <= {-1, 0, 1}
+    assert result.lengths.min() >= 5
+    assert result.lengths.max() <= 401
+
+
+def test_the_same_seed_gives_the_same_matches_and_another_one_others():
+    first, _ = play(seed=1)
+    again, _ = play(seed=1)
+    other, _ = play(seed=2)
+    np.testing.assert_array_equal(first.lengths, again.lengths)
+    np.testing.assert_array_equal(first.goal_differences, again.goal_differences)
+    assert first.lengths.tolist() != other.lengths.tolist()
+
+
+def test_greedy_actions_play_other_matches_than_sampled_ones():
+    sampled, _ = play(seed=1)
+    greedy, _ = play(seed=1, greedy=True)
+    assert sampled.lengths.tolist() != greedy.lengths.tolist()
+
+
+def test_goals_are_counted_whatever_the_reward():
+    env = make_env("academy_empty_goal_close", num_envs=2, reward="analytics", seed=0)
+    policy = RandomPolicy(env.full_action_spec)
+
+    def shoot(state):
+        return policy(state).set("action", torch.full((2,), 12))
+
+    result = evaluate(env, shoot, 4)
+    env.close()
+    assert result.goal_differences.tolist() == [1.0] * 4
+    assert result.goal_difference == 1.0

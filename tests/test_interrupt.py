@@ -1,0 +1,64 @@
+"""Signals end a training in order: at once where that is safe, later where it is not."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+
+import pytest
+
+from fbrl.interrupt import Interrupt, Interrupted
+
+
+def test_a_signal_leaves_an_allowed_block_at_once():
+    reached = []
+    with Interrupt() as interrupt:
+        with contextlib.suppress(Interrupted), interrupt.allowed():
+            signal.raise_signal(signal.SIGINT)
+            reached.append("after the signal")
+        assert interrupt.requested
+    assert reached == []
+
+
+def test_elsewhere_the_work_is_finished_and_the_next_allowed_block_not_begun():
+    reached = []
+    with Interrupt() as interrupt:
+        signal.raise_signal(signal.SIGTERM)
+        reached.append("work finished")
+        with pytest.raises(Interrupted), interrupt.allowed():
+            reached.append("block begun")
+    assert reached == ["work finished"]
+
+
+def test_a_second_signal_ends_at_once():
+    with Interrupt():
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_without_a_signal_nothing_happens_and_the_handlers_come_back():
+    before = signal.getsignal(signal.SIGINT)
+    with Interrupt() as interrupt:
+        assert signal.getsignal(signal.SIGINT) is not before
+        with interrupt.allowed():
+            pass
+        assert not interrupt.requested
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_it_works_in_another_thread_where_signals_cannot_be_taken():
+    errors = []
+
+    def body():
+        try:
+            with Interrupt() as interrupt, interrupt.allowed():
+                pass
+        except Exception as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=body)
+    thread.start()
+    thread.join()
+    assert errors == []
