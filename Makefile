@@ -29,6 +29,7 @@ lint: setup ## Style, format and type checks
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/shellcheck --external-sources scripts/setup.sh scripts/setup/*.sh .ci/run
 
 test: lint ## All checks: lint and the test suite
 	$(BIN)/pytest

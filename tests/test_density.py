@@ -305,14 +305,19 @@ class TestFile:
         with pytest.raises(ValueError, match=r"a\.npz is not a readable density file"):
             AssistDensity.load(path)
 
-    def test_a_damaged_file_is_named(self, tmp_path):
+    def test_a_damaged_file_is_named_wherever_it_is_damaged(self, tmp_path):
         path = tmp_path / "a.npz"
         made_up_density().save(path)
-        content = bytearray(path.read_bytes())
-        middle = len(content) // 2
-        content[middle : middle + 20] = bytes(20)
-        path.write_bytes(bytes(content))
-        with pytest.raises(ValueError, match=r"a\.npz"):
+        content = path.read_bytes()
+        for first in range(0, len(content) - 20, 3):
+            path.write_bytes(content[:first] + bytes([255] * 20) + content[first + 20 :])
+            with pytest.raises(ValueError, match=r"a\.npz"):
+                AssistDensity.load(path)
+
+    def test_a_single_array_is_no_density_file(self, tmp_path):
+        path = tmp_path / "a.npy"
+        np.save(path, np.ones((3, 3)))
+        with pytest.raises(ValueError, match=r"a\.npy is not a readable density file"):
             AssistDensity.load(path)
 
     def test_a_pickle_is_not_run(self, tmp_path):
