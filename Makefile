@@ -1,8 +1,8 @@
 # Each target does all the set-up it needs; `make` alone lists them.
 
-SCENARIO ?= academy_run_to_score_with_keeper
+SCENARIO ?= academy_3_vs_1_with_keeper
 PRESET ?= light
-FRAMES ?= 300000
+FRAMES ?= 500000
 SEED ?= 0
 # More options for fbrl-train, e.g. ARGS="--num-envs 4 --device cpu"
 ARGS ?=

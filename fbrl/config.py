@@ -196,7 +196,15 @@ _THESIS_ACADEMY = PPOConfig()
 _THESIS_FULL_MATCH = PPOConfig(
     total_frames=5_000_000, num_steps=1024, num_minibatches=64, num_epochs=4
 )
-_LIGHT = PPOConfig()
+# Tuned on academy_3_vs_1_with_keeper and judged by goals: experiments/light_preset_3_vs_1.
+_LIGHT = PPOConfig(
+    num_steps=256,
+    minibatch_size=256,
+    num_epochs=4,
+    learning_rate=1e-3,
+    clip_epsilon=0.2,
+    entropy_coeff=0.01,
+)
 
 PRESETS = ("light", "thesis")
 
