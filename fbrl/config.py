@@ -199,7 +199,7 @@ _THESIS_FULL_MATCH = PPOConfig(
 # Tuned on academy_3_vs_1_with_keeper and judged by goals: experiments/light_preset_3_vs_1.
 _LIGHT = PPOConfig(
     num_steps=256,
-    minibatch_size=256,
+    num_minibatches=8,
     num_epochs=4,
     learning_rate=1e-3,
     clip_epsilon=0.2,
