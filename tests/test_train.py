@@ -255,7 +255,7 @@ def test_a_used_run_directory_is_left_alone(run, run_program):
 def test_help_names_every_option_with_its_default(run_program):
     done = run_program("fbrl-train", "--help")
     assert done.returncode == 0
-    for expected in ("--clip-epsilon", "0.08", "--reward", "analytics", "Examples"):
+    for expected in ("--clip-epsilon", "0.2", "--reward", "analytics", "Examples"):
         assert expected in done.stdout
     thesis = run_program("fbrl-train", "11_vs_11_easy_stochastic", "--preset", "thesis", "--help")
     assert "minimap" in thesis.stdout
