@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, TypeVar
 
 import gymnasium
@@ -183,7 +183,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._np_randoms = [seeding.np_random()[0] for _ in range(num_envs)]
         self._episode_numbers = [FIRST_EPISODE - 1] * num_envs
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
-        self._pool = ThreadPoolExecutor(self.num_threads, thread_name_prefix="match")
+        self._pool = ThreadPoolExecutor(max(1, self.num_threads - 1), "match")
 
     def reset(
         self,
@@ -240,8 +240,27 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         for match in self._matches:
             match.close()
 
-    def _in_threads(self, function: Callable[..., Result], *arguments: Iterable) -> list[Result]:
-        return list(self._pool.map(function, *arguments))
+    def _in_threads(
+        self, function: Callable[[int, int], Result], indices: Sequence[int], values: Sequence[int]
+    ) -> list[Result]:
+        """Calls the function for each match; every thread takes the next one that is left."""
+        results: dict[int, Result] = {}
+        left = iter(list(zip(indices, values, strict=True)))
+
+        def work() -> None:
+            for index, value in left:
+                results[index] = function(index, value)
+
+        # This thread takes part, instead of waiting for one more.
+        others = [self._pool.submit(work) for _ in range(min(self.num_threads, len(indices)) - 1)]
+        try:
+            work()
+        finally:
+            # Whatever went wrong here, no match is left being stepped behind the caller's back.
+            wait(others)
+        for other in others:
+            other.result()
+        return [results[index] for index in indices]
 
     def _reset_match(self, index: int, engine_seed: int) -> None:
         match = self._matches[index]
