@@ -111,3 +111,11 @@ def test_the_seed_decides_the_matches():
 def test_wrong_names_are_answered_with_the_right_ones(options, message):
     with pytest.raises(ValueError, match=message):
         make_env("academy_empty_goal", **options)
+
+
+def test_the_environment_says_that_it_is_on_the_cpu():
+    """So that a policy's actions come back from a GPU."""
+    env = make_env("academy_empty_goal", num_envs=2, seed=0)
+    assert env.device == torch.device("cpu")
+    assert env.rollout(2).device == torch.device("cpu")
+    env.close()

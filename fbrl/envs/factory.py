@@ -111,7 +111,7 @@ def make_env(
     needed = {*reward_transform.in_keys, *observation_transform.in_keys} & set(OBSERVATION_SPACE)
     kept = set(keep_keys)
     matches = FootballVectorEnv(scenario, num_envs, num_threads, observation_keys=needed | kept)
-    env = GymWrapper(matches, categorical_action_encoding=True)
+    env = GymWrapper(matches, categorical_action_encoding=True, device="cpu")
     sums = ["reward", *reward_transform.part_names]
     env = TransformedEnv(
         env,
