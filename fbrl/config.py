@@ -123,7 +123,8 @@ class TrainConfig:
     checkpoints (gfootball's ten rewards on the way to the goal) or scoring (goals alone)."""
 
     density: str | None = None
-    """For the analytics reward: file of the assist densities; by default those that fbrl ships."""
+    """For the analytics reward: file of the assist densities (see fbrl-density fit), or uniform,
+    mirrored or shuffled, the controls; by default those that fbrl ships."""
 
     transition: str = "possession"
     """For the analytics reward: what counts as a received pass, possession (the last controlled

@@ -1,7 +1,14 @@
 """Gaussian kernel densities of where goals are made, on the pitch of the environment."""
 
 from fbrl.density.assist import AssistDensity, DensityMetadata
+from fbrl.density.controls import open_density
 from fbrl.density.pitch import pitch_from_statsbomb
 from fbrl.density.position import PositionDensity
 
-__all__ = ["AssistDensity", "DensityMetadata", "PositionDensity", "pitch_from_statsbomb"]
+__all__ = [
+    "AssistDensity",
+    "DensityMetadata",
+    "PositionDensity",
+    "open_density",
+    "pitch_from_statsbomb",
+]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import IO, Any
@@ -20,7 +21,7 @@ FORMAT = "fbrl-assist-density"
 FORMAT_VERSION = 1
 DEFAULT_FILE = "open_play_assists_2015_16.npz"
 
-_REFIT = "Fit a new one with `python -m fbrl.density.fit CSV OUT`."
+_REFIT = "Fit a new one with `fbrl-density fit`."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +39,9 @@ class DensityMetadata:
         max_interpolation_error: the largest difference between the grids and the exact kernel sum,
             as a fraction of the peak.
         credit: the credit that the data's owner asks for.
+        counts: how many passes there are of each competition and season.
+        metres: whether an isotropic kernel is round in metres instead of in pitch units.
+        mirror: whether the surfaces were averaged with their left-right mirror images.
     """
 
     source: str
@@ -48,6 +52,25 @@ class DensityMetadata:
     bandwidth_end: float
     max_interpolation_error: float
     credit: str
+    counts: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    metres: bool = False
+    mirror: bool = False
+
+
+_FIELD_TYPES: dict[str, tuple[type, ...]] = {
+    "source": (str,),
+    "filter": (str,),
+    "n": (int,),
+    "bandwidth_rule": (str,),
+    "bandwidth_start": (float, int),
+    "bandwidth_end": (float, int),
+    "max_interpolation_error": (float, int),
+    "credit": (str,),
+    "counts": (dict,),
+    "metres": (bool,),
+    "mirror": (bool,),
+}
+_OPTIONAL = {"counts", "metres", "mirror"}
 
 
 class AssistDensity(nn.Module):
@@ -108,7 +131,14 @@ class AssistDensity(nn.Module):
             return _read(file, str(path))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the densities and their metadata to one file (a ``.npz`` without pickle)."""
+        """Write the densities and their metadata to one file (a ``.npz`` without pickle).
+
+        The file is written in one piece or not at all.
+
+        Raises:
+            ValueError: if there is no metadata.
+            OSError: if the file cannot be written.
+        """
         if self.metadata is None:
             raise ValueError(
                 "This AssistDensity has no metadata. Make it with metadata=DensityMetadata(...), "
@@ -121,14 +151,20 @@ class AssistDensity(nn.Module):
             "peak_end": self.end.peak,
             **dataclasses.asdict(self.metadata),
         }
-        # Through a file object: numpy would append ".npz" to a path without it.
-        with Path(path).open("wb") as file:
-            np.savez_compressed(
-                file,
-                metadata=np.array(json.dumps(header, ensure_ascii=False)),
-                start=self.start.grid.cpu().numpy(),
-                end=self.end.grid.cpu().numpy(),
-            )
+        path = Path(path)
+        temporary = path.with_name(path.name + ".partial")
+        try:
+            # Through a file object: numpy would append ".npz" to a path without it.
+            with temporary.open("wb") as file:
+                np.savez_compressed(
+                    file,
+                    metadata=np.array(json.dumps(header, ensure_ascii=False)),
+                    start=self.start.grid.cpu().numpy(),
+                    end=self.end.grid.cpu().numpy(),
+                )
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 def _read(file: IO[bytes], name: str) -> AssistDensity:
@@ -146,7 +182,12 @@ def _read(file: IO[bytes], name: str) -> AssistDensity:
     header = _read_header(entries["metadata"], name)
     start = _read_density(entries["start"], header["peak_start"], f"{name}: start")
     end = _read_density(entries["end"], header["peak_end"], f"{name}: end")
-    fields = {field.name: header[field.name] for field in dataclasses.fields(DensityMetadata)}
+    # Files of fbrl 0.1 lack the fields that have a default.
+    fields = {
+        field.name: header[field.name]
+        for field in dataclasses.fields(DensityMetadata)
+        if field.name in header
+    }
     return AssistDensity(start, end, DensityMetadata(**fields))
 
 
@@ -163,10 +204,15 @@ def _read_header(entry: NDArray[Any], name: str) -> dict[str, Any]:
             f"{name} has format version {version!r}; this fbrl reads up to {FORMAT_VERSION}. "
             "Upgrade fbrl (`pip install -U fbrl`)."
         )
-    expected = {field.name for field in dataclasses.fields(DensityMetadata)}
-    missing = (expected | {"peak_start", "peak_end"}) - header.keys()
+    missing = (_FIELD_TYPES.keys() - _OPTIONAL | {"peak_start", "peak_end"}) - header.keys()
     if missing:
         raise ValueError(f"{name}: its metadata lacks {sorted(missing)}. {_REFIT}")
+    for field, kinds in _FIELD_TYPES.items():
+        if field in header and not isinstance(header[field], kinds):
+            raise ValueError(
+                f"{name}: {field} in its metadata is {header[field]!r}, which is of the wrong "
+                f"kind. {_REFIT}"
+            )
     return header
 
 

@@ -1,22 +1,14 @@
-"""Fit a pair of densities to a table of assists.
+"""Fit densities to the positions of passes.
 
-The densities that fbrl ships were made with::
+``fbrl-density fit`` does it from a command line. The densities that fbrl ships were made with::
 
-    python -m fbrl.density.fit open_play_assists.csv open_play_assists_2015_16.npz \
-        --source "Premier League 2015/16 and Ligue 1 2015/16" \
-        --filter "goal assists with play pattern Regular Play"
-
-The table needs the columns x, y, end_x and end_y on StatsBomb's 120 x 80 pitch.
+    fbrl-density fit --csv open_play_assists.csv --out open_play_assists_2015_16.npz
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
 import math
-import os
-import sys
-from pathlib import Path
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +24,7 @@ from fbrl.density.kde import (
     kernel_covariance,
     kernel_sum,
 )
-from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH, pitch_from_statsbomb
+from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH
 from fbrl.density.position import PositionDensity
 
 PEAK_START = 0.001
@@ -40,8 +32,9 @@ PEAK_END = 0.1
 MAX_INTERPOLATION_ERROR = 0.005
 """What bilinear interpolation may cost, as a fraction of the peak."""
 
-_COLUMNS = ("x", "y", "end_x", "end_y")
-_FINEST_GRID = 1001
+COARSEST_GRID = 3
+FINEST_GRID = 1001
+"""Bounds on the grid nodes along x."""
 
 
 class PositionFit(NamedTuple):
@@ -64,6 +57,8 @@ def fit_position_density(
     *,
     peak: float,
     bandwidth: BandwidthRule | float = "thesis",
+    metres: bool = False,
+    mirror: bool = False,
     columns: int | None = None,
     name: str = "points",
 ) -> PositionFit:
@@ -73,39 +68,57 @@ def fit_position_density(
         points: (n, 2) positions in pitch units.
         peak: the density's largest value.
         bandwidth: see :func:`fbrl.density.kde.kernel_covariance`.
-        columns: grid nodes along x; the nodes along y follow from the same spacing. ``None``
-            takes the coarsest of a few grids whose interpolation error is at most 0.5 % of the
-            peak.
+        metres: see :func:`fbrl.density.kde.kernel_covariance`.
+        mirror: average the surface with its left-right mirror image, which adds the mirror image
+            of every kernel. The bandwidth stays that of the points: mirror images tell nothing
+            new.
+        columns: grid nodes along x, from 3 to 1001; the nodes along y follow from the same
+            spacing. ``None`` takes the coarsest of a few grids whose interpolation error is at
+            most 0.5 % of the peak.
         name: what error messages call the points.
+
+    Raises:
+        ValueError: if the points make no density (see :func:`fbrl.density.kde.check_points`), the
+            bandwidth is none, or no grid is fine enough for it.
     """
     xy = check_points(points, name)
-    covariance = kernel_covariance(xy, bandwidth)
+    covariance = kernel_covariance(xy, bandwidth, metres=metres)
     h = equivalent_bandwidth(covariance)
     if columns is not None:
-        density, error = _gridded(xy, covariance, columns, peak)
+        if not COARSEST_GRID <= columns <= FINEST_GRID:
+            raise ValueError(
+                f"columns is {columns}; it must be from {COARSEST_GRID} to {FINEST_GRID}."
+            )
+        density, error = _gridded(xy, covariance, columns, peak, mirror)
         return PositionFit(density, h, error)
     narrowest = math.sqrt(float(np.linalg.eigvalsh(covariance)[0]))
-    columns = min(_FINEST_GRID, math.ceil(4 * 2 * HALF_LENGTH / narrowest) + 1)
+    columns = min(FINEST_GRID, math.ceil(4 * 2 * HALF_LENGTH / narrowest) + 1)
     while True:
-        density, error = _gridded(xy, covariance, columns, peak)
+        density, error = _gridded(xy, covariance, columns, peak, mirror)
         if error <= MAX_INTERPOLATION_ERROR:
             return PositionFit(density, h, error)
-        if columns >= _FINEST_GRID:
+        if columns >= FINEST_GRID:
             raise ValueError(
                 f"bandwidth {h:.4g} for {name} is too narrow for a grid: with {columns} columns "
                 f"the interpolation error is still {error:.1%} of the peak. Use a wider bandwidth."
             )
-        columns = min(_FINEST_GRID, math.ceil(1.2 * columns))
+        columns = min(FINEST_GRID, math.ceil(1.2 * columns))
 
 
 def _gridded(
-    points: NDArray[np.float64], covariance: NDArray[np.float64], columns: int, peak: float
+    points: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    columns: int,
+    peak: float,
+    mirror: bool,
 ) -> tuple[PositionDensity, float]:
     rows = round((columns - 1) * HALF_WIDTH / HALF_LENGTH) + 1
     # Every second node of the finer lattice is a node; the others are the middles of cells and
     # edges, where bilinear interpolation is furthest off.
     lattice = grid_positions(2 * columns - 1, 2 * rows - 1)
     exact = kernel_sum(points, lattice, covariance)
+    if mirror:
+        exact = (exact + exact[:, ::-1]) / 2.0
     grid = exact[::2, ::2]
     density = PositionDensity(torch.from_numpy(grid.astype(np.float32)), peak)
     interpolated = density(torch.from_numpy(lattice)).numpy() / peak
@@ -123,6 +136,9 @@ def fit_assist_density(
     peak_start: float = PEAK_START,
     peak_end: float = PEAK_END,
     columns: int | None = None,
+    metres: bool = False,
+    mirror: bool = False,
+    counts: Mapping[str, int] | None = None,
 ) -> AssistDensity:
     """Fit the start and the end density of a set of assists.
 
@@ -136,6 +152,12 @@ def fit_assist_density(
         peak_start: the start density's largest value.
         peak_end: the end density's largest value.
         columns: see :func:`fit_position_density`.
+        metres: see :func:`fbrl.density.kde.kernel_covariance`.
+        mirror: see :func:`fit_position_density`.
+        counts: how many passes there are of each competition and season, for the metadata.
+
+    Raises:
+        ValueError: see :func:`fit_position_density`.
 
     Examples:
         >>> import numpy as np
@@ -152,11 +174,17 @@ def fit_assist_density(
             f"{len(np.asarray(starts))} starts but {len(np.asarray(ends))} ends; "
             "each assist needs both."
         )
-    start = fit_position_density(
-        starts, peak=peak_start, bandwidth=bandwidth, columns=columns, name="starts"
-    )
-    end = fit_position_density(
-        ends, peak=peak_end, bandwidth=bandwidth, columns=columns, name="ends"
+    start, end = (
+        fit_position_density(
+            points,
+            peak=peak,
+            bandwidth=bandwidth,
+            metres=metres,
+            mirror=mirror,
+            columns=columns,
+            name=name,
+        )
+        for name, points, peak in (("starts", starts, peak_start), ("ends", ends, peak_end))
     )
     metadata = DensityMetadata(
         source=source,
@@ -167,72 +195,8 @@ def fit_assist_density(
         bandwidth_end=end.bandwidth,
         max_interpolation_error=max(start.max_interpolation_error, end.max_interpolation_error),
         credit=credit,
+        counts=dict(counts or {}),
+        metres=metres,
+        mirror=mirror,
     )
     return AssistDensity(start.density, end.density, metadata)
-
-
-def read_assists_csv(
-    path: str | os.PathLike[str],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Read pass starts and ends from a table on StatsBomb's 120 x 80 pitch.
-
-    Args:
-        path: a CSV file with the columns x, y, end_x and end_y; others are ignored.
-
-    Returns:
-        Starts and ends in the environment's pitch units, each (n, 2).
-
-    Raises:
-        ValueError: if a column is missing or a value is not a number.
-    """
-    with Path(path).open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
-        header = reader.fieldnames or []
-        missing = [column for column in _COLUMNS if column not in header]
-        if missing:
-            raise ValueError(
-                f"{path} lacks the columns {missing}; it has {list(header)}. "
-                "Expected x, y, end_x and end_y on the 120 x 80 pitch."
-            )
-        passes = [
-            [_number(row, column, path, reader.line_num) for column in _COLUMNS] for row in reader
-        ]
-    table = np.array(passes, dtype=np.float64).reshape(-1, 4)
-    return pitch_from_statsbomb(table[:, :2]), pitch_from_statsbomb(table[:, 2:])
-
-
-def _number(row: dict[str, str], column: str, path: str | os.PathLike[str], line: int) -> float:
-    try:
-        return float(row[column])
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"{path}, line {line}: {column} is {row[column]!r}, not a number. "
-            "Fill it in or drop the row."
-        ) from None
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Fit a density file from a table and print what came out."""
-    parser = argparse.ArgumentParser(
-        prog="python -m fbrl.density.fit",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("csv", help="table with x, y, end_x, end_y on the 120 x 80 pitch")
-    parser.add_argument("out", help="density file to write")
-    parser.add_argument("--source", required=True, help="competitions and seasons")
-    parser.add_argument("--filter", required=True, help="which passes the table holds")
-    options = parser.parse_args(arguments)
-    try:
-        starts, ends = read_assists_csv(options.csv)
-        density = fit_assist_density(starts, ends, source=options.source, filter=options.filter)
-        density.save(options.out)
-    except (OSError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    print(f"{options.out}: {density.metadata}")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH
+from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
 
 BandwidthRule = Literal["thesis", "scipy-silverman", "scipy-scott"]
 """Named rules; a number is accepted wherever a rule is."""
@@ -64,19 +64,25 @@ def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]
 
 
 def kernel_covariance(
-    points: NDArray[np.float64], bandwidth: BandwidthRule | float = "thesis"
+    points: NDArray[np.float64],
+    bandwidth: BandwidthRule | float = "thesis",
+    *,
+    metres: bool = False,
 ) -> NDArray[np.float64]:
-    r"""Covariance of the Gaussian kernel that a bandwidth rule gives.
+    r"""Covariance of the Gaussian kernel that a bandwidth rule gives, in pitch units.
 
     - ``"thesis"``: one isotropic :math:`h = (4\sigma^5 / 3n)^{1/5}` (thesis eq. 4.2), where
       :math:`\sigma` is the root mean square of the two axis standard deviations (``ddof=1``).
     - ``"scipy-silverman"`` and ``"scipy-scott"``: the sample covariance times the squared factor
       of :class:`scipy.stats.gaussian_kde`.
-    - a number: that isotropic h, in pitch units.
+    - a number: that isotropic h.
 
     Args:
-        points: (n, 2) positions.
+        points: (n, 2) positions in pitch units.
         bandwidth: one of the above.
+        metres: an isotropic kernel is round in metres, and a number is in metres; otherwise both
+            hold in pitch units, of which one is 54.4 m along x and 83.6 m along y. It makes no
+            difference to scipy's rules, whose kernel follows the points.
 
     Returns:
         A (2, 2) covariance matrix.
@@ -84,6 +90,13 @@ def kernel_covariance(
     Raises:
         ValueError: for an unknown rule, or a number that is not positive and finite.
     """
+    scale = np.array(METRES_PER_UNIT if metres else (1.0, 1.0))
+    return _covariance(points * scale, bandwidth) / np.outer(scale, scale)
+
+
+def _covariance(
+    points: NDArray[np.float64], bandwidth: BandwidthRule | float
+) -> NDArray[np.float64]:
     n, dimensions = points.shape
     if bandwidth == "thesis":
         sigma = float(np.sqrt(points.var(axis=0, ddof=1).mean()))
@@ -96,8 +109,7 @@ def kernel_covariance(
         return float(bandwidth) ** 2 * np.eye(2)
     allowed = ", ".join(repr(rule) for rule in get_args(BandwidthRule))
     raise ValueError(
-        f"bandwidth is {bandwidth!r}; expected one of {allowed}, or a positive number "
-        "in pitch units."
+        f"bandwidth is {bandwidth!r}; expected one of {allowed}, or a positive number."
     )
 
 

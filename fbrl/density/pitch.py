@@ -11,6 +11,9 @@ HALF_LENGTH = 1.0
 HALF_WIDTH = 0.42
 """Touch lines lie at y = -0.42 and y = +0.42."""
 
+METRES_PER_UNIT = (54.4, 83.6)
+"""How long one unit of x and of y is in the environment's physics."""
+
 STATSBOMB_LENGTH = 120.0
 STATSBOMB_WIDTH = 80.0
 

@@ -11,7 +11,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from fbrl.density import AssistDensity
+from fbrl.density import AssistDensity, open_density
 from fbrl.transforms.shaped_reward import Observation, ShapedReward, in_control
 
 Transition = Literal["possession", "consecutive"]
@@ -69,8 +69,9 @@ class AssistDensityReward(ShapedReward):
         agents by goals, not by this return.
 
     Args:
-        density: the densities, or the path of a file that holds them. Default: those that fbrl
-            ships (:meth:`fbrl.density.AssistDensity.default`).
+        density: the densities, the path of a file that holds them, or a name that
+            :func:`fbrl.density.open_density` knows. Default: those that fbrl ships
+            (:meth:`fbrl.density.AssistDensity.default`).
         transition: the reading of ``transition(s, s')``.
         weight: factor of both densities, at least 0.
         keys: other names for the entries above, by their usual name.
@@ -167,10 +168,10 @@ def _density_from(density: AssistDensity | str | os.PathLike[str] | None) -> Ass
     if density is None:
         return AssistDensity.default()
     if isinstance(density, (str, os.PathLike)):
-        return AssistDensity.load(density)
+        return open_density(density)
     if not isinstance(density, AssistDensity):
         raise TypeError(
-            f"density is a {type(density).__name__}; expected an AssistDensity, the path of a "
-            "density file, or None for the shipped one."
+            f"density is a {type(density).__name__}; expected an AssistDensity, a name or the path "
+            "of a density file, or None for the shipped one."
         )
     return density

@@ -1,0 +1,80 @@
+"""What the parts of ``fbrl-density`` share: the parser, printing, checks before long work."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+from rich.console import Console
+
+from fbrl.cli.density_source import Reading
+from fbrl.cli.errors import fail
+
+
+class Parser(argparse.ArgumentParser):
+    """Answers bad usage with one line, where argparse prints the usage too."""
+
+    def error(self, message: str) -> NoReturn:
+        """Prints the line and exits with code 2."""
+        fail(self.prog, f"{message} (see {self.prog} --help)")
+
+
+def add_command(
+    commands: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], None] | None,
+    summary: str,
+    description: str | None = None,
+) -> Parser:
+    """Adds a subcommand that calls ``run``."""
+    parser = commands.add_parser(
+        name,
+        help=summary,
+        description=description or f"{summary[0].upper()}{summary[1:]}.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.set_defaults(command=run, program=parser.prog)
+    return parser
+
+
+def add_density(parser: argparse.ArgumentParser) -> None:
+    """Adds the positional argument that names a density."""
+    parser.add_argument(
+        "density",
+        nargs="?",
+        default="default",
+        metavar="DENSITY",
+        help="density file, or default, uniform, mirrored or shuffled (default: %(default)s)",
+    )
+
+
+def console() -> Console:
+    """Standard output, where names and paths are printed as they are."""
+    return Console(highlight=False, soft_wrap=True, markup=False)
+
+
+def check_outputs(*paths: Path) -> None:
+    """Refuses, before minutes of work, paths that cannot be written to after it.
+
+    Raises:
+        ValueError: if a path is a directory, or its directory is missing.
+    """
+    for path in paths:
+        if path.is_dir():
+            raise ValueError(f"{path} is a directory; give the name of a file.")
+        if not path.parent.is_dir():
+            raise ValueError(f"There is no directory {path.parent} to write {path.name} into.")
+
+
+def print_counts(reading: Reading) -> None:
+    """Prints how many passes there are of each competition and season."""
+    out = console()
+    for note in reading.notes:
+        Console(stderr=True, highlight=False, soft_wrap=True, markup=False).print(f"Note: {note}")
+    width = max(len(group) for group in [*reading.counts, "together"])
+    for group, count in reading.counts.items():
+        out.print(f"{group:{width}}  {count:>6}")
+    out.print(f"{'together':{width}}  {len(reading.rows):>6}  ({reading.description})")

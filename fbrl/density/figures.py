@@ -1,0 +1,242 @@
+"""Pictures of passes, densities and an agent's possession on a pitch, with ``mplsoccer``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fbrl.density.assist import AssistDensity
+from fbrl.density.passes import Pass
+from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
+from fbrl.density.position import PositionDensity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg")
+_DOTS_PER_INCH = 160
+_COLOURS = "viridis"
+_LINES = "#f2f2f2"
+_CELL_METRES = 2.0
+
+
+def passes_figure(passes: Sequence[Pass], title: str, credit: str = "Data: StatsBomb") -> Figure:
+    """Passes as lines from where they start to where they end (Figure 4.1 of the thesis).
+
+    Args:
+        passes: the passes.
+        title: what they are.
+        credit: the credit that the data's owner asks for.
+    """
+    figure, (axes,) = _pitches(1, colour="#2f6b3a")
+    x, y, end_x, end_y = np.array([row.position for row in passes]).T
+    many = len(passes) > 2000
+    axes.plot(
+        np.stack([x, end_x]),
+        np.stack([y, end_y]),
+        color="#ffe34d",
+        linewidth=0.6,
+        alpha=0.25 if many else 0.6,
+        zorder=2,
+    )
+    size = 5 if many else 11
+    for at_x, at_y, colour, label in (
+        (x, y, "#d7191c", "start"),
+        (end_x, end_y, "#1f4fd8", "end"),
+    ):
+        axes.scatter(
+            at_x, at_y, s=size, color=colour, edgecolors="white", linewidths=0.3, zorder=3,
+            label=label,
+        )  # fmt: skip
+    axes.legend(
+        loc="upper left",
+        bbox_to_anchor=(0.0, 0.0),
+        ncols=2,
+        frameon=False,
+        fontsize=9,
+        markerscale=2,
+        handletextpad=0.1,
+        borderaxespad=0.1,
+    )
+    axes.set_title(title, fontsize=11)
+    _sign(axes, credit)
+    return figure
+
+
+def densities_figure(density: AssistDensity) -> Figure:
+    """The start and the end density side by side (Figure 4.2 of the thesis)."""
+    figure, axes = _pitches(2)
+    for ax, surface, name in (
+        (axes[0], density.start, "Where assists start"),
+        (axes[1], density.end, "Where assists end"),
+    ):
+        _paint(figure, ax, surface, f"{name}, peak {surface.peak:g}")
+    _sign(axes[-1], _credit(density))
+    return figure
+
+
+def agent_figure(positions: ArrayLike, density: AssistDensity, title: str) -> Figure:
+    """Where an agent has had the ball, next to the densities that it was paid with.
+
+    Args:
+        positions: (n, 2) positions of the ball in pitch units while the agent had it.
+        density: the densities.
+        title: what is said of the positions.
+    """
+    figure, axes = _pitches(3)
+    _paint_share(figure, axes[0], np.asarray(positions, dtype=np.float64), title)
+    _paint(figure, axes[1], density.start, "Paid for having the ball")
+    _paint(figure, axes[2], density.end, "Paid for receiving a pass")
+    _sign(axes[-1], _credit(density))
+    return figure
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Writes a picture, as PNG or SVG by the name's ending; in one piece or not at all.
+
+    Raises:
+        ValueError: if the name has another ending.
+        OSError: if the file cannot be written.
+    """
+    import matplotlib
+
+    path = check_figure_path(path)
+    temporary = path.with_name(path.name + ".partial")
+    kind = path.suffix.lower()
+    try:
+        # The same picture is the same file, whenever it is made.
+        with matplotlib.rc_context({"svg.hashsalt": "fbrl", "svg.fonttype": "none"}):
+            figure.savefig(
+                temporary,
+                format=kind[1:],
+                dpi=_DOTS_PER_INCH,
+                bbox_inches="tight",
+                metadata={"Date": None} if kind == ".svg" else None,
+            )
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def check_figure_path(path: str | os.PathLike[str]) -> Path:
+    """The path, if a picture can be of the kind that it names.
+
+    Raises:
+        ValueError: if it doesn't end in .png or .svg.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise ValueError(f"{path}: a picture's name must end in {' or '.join(FORMATS)}.")
+    return path
+
+
+def _pitches(
+    count: int, colour: str = "white", line_colour: str = _LINES
+) -> tuple[Figure, list[Axes]]:
+    try:
+        from mplsoccer import Pitch
+    except ImportError as error:
+        raise ValueError("Pictures need mplsoccer: `pip install 'fbrl[density]'`.") from error
+    from matplotlib.figure import Figure
+
+    length, width = METRES_PER_UNIT[0] * 2 * HALF_LENGTH, METRES_PER_UNIT[1] * 2 * HALF_WIDTH
+    across = {1: 9.0, 2: 7.0, 3: 5.2}[count]
+    size = (across * count, across * width / length + 0.9)
+    # Apart from pyplot, which would keep every figure and may want a screen.
+    figure = Figure(figsize=size, layout="constrained")
+    axes = list(np.atleast_1d(figure.subplots(1, count)))
+    # StatsBomb's own pitch, stretched to the engine's proportions.
+    pitch: Any = Pitch(
+        pitch_type="statsbomb", pitch_color=colour, line_color=line_colour, linewidth=1.0,
+        line_zorder=2.5, pad_left=2, pad_right=2, pad_top=2, pad_bottom=2,
+    )  # fmt: skip
+    for ax in axes:
+        pitch.draw(ax=ax)
+        ax.set_aspect((width / 80.0) / (length / 120.0))
+        _show_attack(ax)
+    return figure, axes
+
+
+def _show_attack(axes: Axes) -> None:
+    axes.annotate(
+        "attack",
+        xy=(70, 83),
+        xytext=(50, 83),
+        va="center",
+        ha="center",
+        fontsize=9,
+        color="#555555",
+        annotation_clip=False,
+        arrowprops={"arrowstyle": "->", "color": "#555555"},
+    )
+
+
+def _paint(figure: Figure, axes: Axes, surface: PositionDensity, title: str) -> None:
+    values = surface.peak * surface.grid.cpu().numpy()
+    _paint_cells(figure, axes, values, title, surface.peak, "reward")
+
+
+def _paint_share(figure: Figure, axes: Axes, positions: NDArray[np.float64], title: str) -> None:
+    cells = [
+        round(2 * HALF_LENGTH * METRES_PER_UNIT[0] / _CELL_METRES),
+        round(2 * HALF_WIDTH * METRES_PER_UNIT[1] / _CELL_METRES),
+    ]
+    counts, _, _ = np.histogram2d(
+        positions[:, 0],
+        positions[:, 1],
+        bins=cells,
+        range=[[-HALF_LENGTH, HALF_LENGTH], [-HALF_WIDTH, HALF_WIDTH]],
+    )
+    share = 100.0 * counts / max(1, len(positions))
+    # A few cells, such as the kick-off's, would leave all others dark.
+    positive = share[share > 0]
+    highest = float(np.quantile(positive, 0.98)) if len(positive) else 1.0
+    label = f"% of the time with the ball, in {_CELL_METRES:g} m squares"
+    # The square root shows where the ball seldom is, too.
+    _paint_cells(figure, axes, share, title, highest, label, power=0.5, interpolation="nearest")
+
+
+def _paint_cells(
+    figure: Figure,
+    axes: Axes,
+    values: NDArray[np.float64],
+    title: str,
+    highest: float,
+    label: str,
+    power: float = 1.0,
+    interpolation: str = "bilinear",
+) -> None:
+    from matplotlib.colors import PowerNorm
+
+    image = axes.imshow(
+        values.T,
+        extent=(0.0, 120.0, 80.0, 0.0),
+        origin="upper",
+        aspect=axes.get_aspect(),
+        cmap=_COLOURS,
+        norm=PowerNorm(power, vmin=0.0, vmax=highest),
+        interpolation=interpolation,
+        zorder=1,
+    )
+    axes.set_title(title, fontsize=11)
+    over = bool((values > highest * (1 + 1e-9)).any())
+    beside = axes.inset_axes((1.02, 0.0, 0.03, 1.0))
+    bar = figure.colorbar(image, cax=beside, extend="max" if over else "neither")
+    bar.set_label(label, fontsize=9)
+
+
+def _credit(density: AssistDensity) -> str:
+    return density.metadata.credit if density.metadata is not None else ""
+
+
+def _sign(axes: Axes, credit: str) -> None:
+    axes.text(
+        1.0, -0.01, credit, transform=axes.transAxes, ha="right", va="top", fontsize=9,
+        color="#333333",
+    )  # fmt: skip

@@ -1,0 +1,80 @@
+"""Extracted passes on disk, so that a match is downloaded only once."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fbrl.density.passes import Pass
+
+FORMAT = 1
+
+
+def default_cache_directory() -> Path:
+    """``$XDG_CACHE_HOME/fbrl/passes``, or ``~/.cache/fbrl/passes``."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "fbrl" / "passes"
+
+
+class PassCache:
+    """One small file per match with its extracted passes, and one per list of matches.
+
+    Files are written in one piece or not at all; one that is damaged, or was written by another
+    version, counts as absent. Whole events are never kept.
+
+    Args:
+        directory: where the files are; made when the first is written.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+
+    def passes(self, match_id: int) -> list[Pass] | None:
+        """The passes of a match; ``None`` if it isn't here."""
+        rows = self._read(f"match-{match_id}")
+        try:
+            return None if rows is None else [Pass(**row) for row in rows]
+        except TypeError:
+            return None
+
+    def keep_passes(self, match_id: int, rows: Sequence[Pass]) -> None:
+        """Keeps the passes of a match."""
+        self._write(f"match-{match_id}", [dataclasses.asdict(row) for row in rows])
+
+    def listing(self, name: str) -> list[Any] | None:
+        """A list that was kept under this name; ``None`` if it isn't here."""
+        return self._read(f"list-{name}")
+
+    def keep_listing(self, name: str, listing: Sequence[Any]) -> None:
+        """Keeps a list of competitions or matches."""
+        self._write(f"list-{name}", listing)
+
+    def _path(self, name: str) -> Path:
+        return self.directory / f"{name}.json"
+
+    def _read(self, name: str) -> list[Any] | None:
+        try:
+            content = json.loads(self._path(name).read_text(encoding="utf-8"))
+        except (FileNotFoundError, ValueError):
+            return None
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            return None
+        rows = content.get("rows")
+        return rows if isinstance(rows, list) else None
+
+    def _write(self, name: str, rows: Sequence[Any]) -> None:
+        self.directory.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(
+            dir=self.directory, prefix=f".{name}-", suffix=".partial"
+        )
+        try:
+            with open(descriptor, "w", encoding="utf-8") as file:
+                json.dump({"format": FORMAT, "rows": list(rows)}, file)
+            os.replace(temporary, self._path(name))
+        finally:
+            Path(temporary).unlink(missing_ok=True)

@@ -1,0 +1,185 @@
+"""The passes that densities are fitted to, and how they are taken out of a match's events."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fbrl.density.pitch import STATSBOMB_LENGTH, STATSBOMB_WIDTH, pitch_from_statsbomb
+
+POSITION_COLUMNS = ("x", "y", "end_x", "end_y")
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One pass on StatsBomb's 120 x 80 pitch, the attack going towards x = 120.
+
+    Attributes:
+        x: where it was played from.
+        y: where it was played from, growing downwards from the top.
+        end_x: where it was received.
+        end_y: where it was received.
+        match_id: StatsBomb's number of the match; ``None`` if unknown.
+        group: competition and season, or the file it comes from: what counts are given per.
+        play_pattern: how the possession began, such as "Regular Play".
+        pass_type: such as "Corner" or "Recovery"; ``None`` for an ordinary pass.
+        cross: whether it was a cross.
+        goal_assist: whether the shot that it led to was a goal.
+    """
+
+    x: float
+    y: float
+    end_x: float
+    end_y: float
+    match_id: int | None = None
+    group: str = ""
+    play_pattern: str | None = None
+    pass_type: str | None = None
+    cross: bool = False
+    goal_assist: bool = True
+
+    @property
+    def position(self) -> tuple[float, float, float, float]:
+        """Start and end: x, y, end_x, end_y."""
+        return self.x, self.y, self.end_x, self.end_y
+
+
+EVENT_COLUMNS = frozenset({"play_pattern", "pass_type", "cross", "goal_assist"})
+"""What filters may ask about, all of it known where passes come from events."""
+
+
+@dataclass(frozen=True)
+class Passes:
+    """Passes of one source.
+
+    Attributes:
+        rows: the passes.
+        known: which of :data:`EVENT_COLUMNS` the source tells; the others hold their defaults.
+        origin: what messages call the source.
+    """
+
+    rows: Sequence[Pass]
+    known: frozenset[str]
+    origin: str
+
+
+def passes_of_match(events: Iterable[Mapping[str, Any]], match_id: int) -> list[Pass]:
+    """The passes of a match that led to a shot, goals included.
+
+    Args:
+        events: the match's events in StatsBomb's layout.
+        match_id: StatsBomb's number of the match.
+
+    Raises:
+        ValueError: if the events are not in that layout.
+    """
+    try:
+        return [
+            _pass_of_event(event, match_id)
+            for event in events
+            if event["type"]["name"] == "Pass"
+            and (event["pass"].get("goal_assist") or event["pass"].get("shot_assist"))
+        ]
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(
+            f"Match {match_id}: an event is not in StatsBomb's layout "
+            f"({type(error).__name__}: {error})."
+        ) from error
+
+
+def _pass_of_event(event: Mapping[str, Any], match_id: int) -> Pass:
+    details = event["pass"]
+    x, y = (float(value) for value in event["location"][:2])
+    end_x, end_y = (float(value) for value in details["end_location"][:2])
+    return Pass(
+        x,
+        y,
+        end_x,
+        end_y,
+        match_id=match_id,
+        play_pattern=event["play_pattern"]["name"],
+        pass_type=details["type"]["name"] if "type" in details else None,
+        cross=bool(details.get("cross", False)),
+        goal_assist=bool(details.get("goal_assist", False)),
+    )
+
+
+@dataclass(frozen=True)
+class Cleaned:
+    """What is left of passes after :func:`clean`.
+
+    Attributes:
+        rows: the passes that are kept.
+        repeated: how many were left out because they were listed twice.
+        unusable: how many were left out because of their positions.
+    """
+
+    rows: list[Pass]
+    repeated: int
+    unusable: int
+
+
+def clean(passes: Passes, *, drop_unusable: bool = False) -> Cleaned:
+    """Leaves out passes that are listed twice and, if asked, those at impossible positions.
+
+    Two passes of one match with the same start and end are one pass. Without the match that can't
+    be told, and equal rows are all kept.
+
+    Args:
+        passes: any passes.
+        drop_unusable: leave out positions that are NaN, infinite or outside the pitch; otherwise
+            they are an error.
+
+    Raises:
+        ValueError: for the first impossible position, naming its pass.
+    """
+    rows: list[Pass] = []
+    seen: set[tuple[int, tuple[float, ...]]] = set()
+    repeated = unusable = 0
+    for number, row in enumerate(passes.rows, start=1):
+        if not _on_pitch(row):
+            if not drop_unusable:
+                raise ValueError(
+                    f"{passes.origin}: pass {number}{_of_match(row)} goes from "
+                    f"({row.x:g}, {row.y:g}) to ({row.end_x:g}, {row.end_y:g}), which is not on "
+                    "the pitch [0, 120] x [0, 80]. Correct it, or leave such passes out with "
+                    "--drop-unusable."
+                )
+            unusable += 1
+            continue
+        if row.match_id is not None:
+            key = (row.match_id, row.position)
+            if key in seen:
+                repeated += 1
+                continue
+            seen.add(key)
+        rows.append(row)
+    return Cleaned(rows, repeated, unusable)
+
+
+def _on_pitch(row: Pass) -> bool:
+    return (
+        all(math.isfinite(value) for value in row.position)
+        and all(0 <= value <= STATSBOMB_LENGTH for value in (row.x, row.end_x))
+        and all(0 <= value <= STATSBOMB_WIDTH for value in (row.y, row.end_y))
+    )
+
+
+def _of_match(row: Pass) -> str:
+    return "" if row.match_id is None else f" (match {row.match_id})"
+
+
+def in_group(rows: Iterable[Pass], group: str) -> list[Pass]:
+    """The same passes, counted under a group."""
+    return [replace(row, group=group) for row in rows]
+
+
+def starts_and_ends(rows: Sequence[Pass]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Start and end positions in the environment's pitch units, each (n, 2)."""
+    table = np.array([row.position for row in rows], dtype=np.float64).reshape(-1, 4)
+    return pitch_from_statsbomb(table[:, :2]), pitch_from_statsbomb(table[:, 2:])

@@ -1,0 +1,121 @@
+"""Where a trained agent has the ball: matches played for :mod:`fbrl.density.figures`."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torchrl.envs import ExplorationType, set_exploration_type
+
+from fbrl.checkpoint import load_checkpoint
+from fbrl.config import config_from_dict
+from fbrl.envs import make_env
+from fbrl.ppo.trainer import make_model
+from fbrl.transforms.shaped_reward import in_control
+
+_KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
+
+
+@torch.no_grad()
+def ball_positions(
+    run: Path,
+    matches: int,
+    *,
+    seed: int = 0,
+    num_envs: int = 8,
+    on_progress: Callable[[int], None] | None = None,
+) -> NDArray[np.float64]:
+    """Plays matches with a run's latest agent and keeps the ball's positions while it has it.
+
+    Args:
+        run: the directory of a run, or a checkpoint.
+        matches: how many matches at least; every match that is begun is finished.
+        seed: seeds the matches and the sampled actions.
+        num_envs: matches at a time.
+        on_progress: called with the number of matches finished so far.
+
+    Returns:
+        (n, 2) positions in pitch units, one for each step that ends with the controlled player
+        having the ball.
+
+    Raises:
+        CheckpointError: there is no checkpoint of fbrl.
+        EngineNotInstalledError: gfootball is missing.
+    """
+    checkpoint = load_checkpoint(run)
+    config = config_from_dict(checkpoint["config"])
+    model = make_model(config, torch.device("cpu"))
+    model.load_state_dict(checkpoint["model"])
+    policy = model.get_collection_policy()
+    num_envs = min(num_envs, matches)
+    env = make_env(
+        config.scenario,
+        num_envs=num_envs,
+        reward="scoring",
+        observation=config.observation,
+        keep_keys=_KEYS,
+        seed=seed,
+    )
+    # The same number in every place: taking the first that end would favour short matches.
+    left = torch.full((num_envs,), -(-matches // num_envs))
+    positions: list[torch.Tensor] = []
+    finished = 0
+    try:
+        with (
+            torch.random.fork_rng(devices=[]),
+            set_exploration_type(ExplorationType.RANDOM),
+        ):
+            torch.manual_seed(seed)
+            state = env.reset()
+            while (left > 0).any():
+                step, state = env.step_and_maybe_reset(policy(state))
+                following = step["next"]
+                observation = {key: following[key] for key in _KEYS}
+                wanted = in_control(observation) & (left > 0)
+                positions.append(following["ball"][wanted, :2])
+                done = following["done"].squeeze(-1) & (left > 0)
+                finished += int(done.sum())
+                left -= done.long()
+                if on_progress is not None:
+                    on_progress(finished)
+    finally:
+        env.close()
+    return torch.cat(positions).double().numpy()
+
+
+def write_positions(path: str | os.PathLike[str], positions: NDArray[np.float64]) -> None:
+    """Writes positions as a CSV table with the columns x and y in pitch units."""
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["x", "y"])
+        table.writerows([f"{x:.5f}", f"{y:.5f}"] for x, y in positions)
+
+
+def read_positions(path: str | os.PathLike[str]) -> NDArray[np.float64]:
+    """Reads positions from a CSV table with the columns x and y in pitch units.
+
+    Returns:
+        (n, 2) positions.
+
+    Raises:
+        ValueError: a column is missing, a value is no finite number, or there is no row.
+        OSError: the file cannot be read.
+    """
+    with Path(path).open(newline="", encoding="utf-8-sig") as file:
+        reader = csv.DictReader(file)
+        try:
+            rows = [(float(row["x"]), float(row["y"])) for row in reader]
+        except (KeyError, TypeError, ValueError, csv.Error) as error:
+            raise ValueError(
+                f"{path}, line {reader.line_num}: no position ({type(error).__name__}: {error}). "
+                "Expected the columns x and y in pitch units, [-1, 1] x [-0.42, 0.42]."
+            ) from error
+    positions = np.array(rows, dtype=np.float64).reshape(-1, 2)
+    if not len(positions) or not np.isfinite(positions).all():
+        raise ValueError(f"{path} holds no positions, or some that are not finite numbers.")
+    return positions
