@@ -47,6 +47,14 @@ def ball_positions(
         CheckpointError: there is no checkpoint of fbrl.
         EngineNotInstalledError: gfootball is missing.
     """
+    with torch.random.fork_rng(devices=[]), set_exploration_type(ExplorationType.RANDOM):
+        torch.manual_seed(seed)
+        return _play(run, matches, seed, num_envs, on_progress or (lambda finished: None))
+
+
+def _play(
+    run: Path, matches: int, seed: int, num_envs: int, on_progress: Callable[[int], None]
+) -> NDArray[np.float64]:
     checkpoint = load_checkpoint(run)
     config = config_from_dict(checkpoint["config"])
     model = make_model(config, torch.device("cpu"))
@@ -66,23 +74,17 @@ def ball_positions(
     positions: list[torch.Tensor] = []
     finished = 0
     try:
-        with (
-            torch.random.fork_rng(devices=[]),
-            set_exploration_type(ExplorationType.RANDOM),
-        ):
-            torch.manual_seed(seed)
-            state = env.reset()
-            while (left > 0).any():
-                step, state = env.step_and_maybe_reset(policy(state))
-                following = step["next"]
-                observation = {key: following[key] for key in _KEYS}
-                wanted = in_control(observation) & (left > 0)
-                positions.append(following["ball"][wanted, :2])
-                done = following["done"].squeeze(-1) & (left > 0)
-                finished += int(done.sum())
-                left -= done.long()
-                if on_progress is not None:
-                    on_progress(finished)
+        state = env.reset()
+        while (left > 0).any():
+            step, state = env.step_and_maybe_reset(policy(state))
+            following = step["next"]
+            counted = left > 0
+            wanted = in_control({key: following[key] for key in _KEYS}) & counted
+            positions.append(following["ball"][wanted, :2])
+            done = following["done"].squeeze(-1) & counted
+            left -= done.long()
+            finished += int(done.sum())
+            on_progress(finished)
     finally:
         env.close()
     return torch.cat(positions).double().numpy()

@@ -74,13 +74,16 @@ def _download(options: argparse.Namespace, notes: list[str]) -> Passes:
     if options.jobs < 1:
         raise ValueError(f"--jobs is {options.jobs}; it must be at least 1.")
     source = StatsBombSource(workers=options.jobs, refresh=options.refresh)
+    screen = Console(stderr=True)
     with Progress(
         TextColumn("Reading matches"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=screen,
         transient=True,
+        # Where nobody watches, it would leave an empty line.
+        disable=not screen.is_terminal,
     ) as progress:
         bar = progress.add_task("", total=None)
         found = [source.find(*pair) for pair in zip(competitions, seasons, strict=True)]
