@@ -32,6 +32,15 @@ class TestControls:
         assert abs(values[0] - mean) < 4 * error
         assert control(torch.tensor([[1.01, 0.0], [0.0, 0.43]])).tolist() == [0, 0]
 
+    def test_uniform_pays_an_agent_as_much_as_the_data_does_where_it_plays(self, shipped, surface):
+        played = anywhere(500) * 0.2 + torch.tensor([0.6, 0.0])
+        control = uniform(shipped, played)
+        fitted = getattr(shipped, surface)
+        assert getattr(control, surface)(anywhere(5)).tolist() == pytest.approx(
+            [fitted(played).mean().item()] * 5
+        )
+        assert "mean at 500 positions" in control.metadata.source
+
     def test_mirrored_pays_at_the_other_end(self, shipped, surface):
         fitted, control = (getattr(d, surface) for d in (shipped, mirrored(shipped)))
         points = anywhere(1000)

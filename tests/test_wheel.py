@@ -52,8 +52,7 @@ def test_the_density_file_holds_two_surfaces_and_words(wheel):
         assert set(archive) == {"metadata", "start", "end"}
         for name in ("start", "end"):
             grid = archive[name]
-            # Smoothed: far more nodes than passes, and each like its neighbours, so that no
-            # single pass can be read from it.
+            # A smooth surface over the pitch, not a table of 474 passes.
             assert grid.ndim == 2
             assert grid.size > 10 * 474
             assert max(np.abs(np.diff(grid, axis=axis)).max() for axis in (0, 1)) < 0.15

@@ -16,17 +16,26 @@ from fbrl.density.position import PositionDensity
 SHUFFLE_SEED = 0
 
 
-def uniform(density: AssistDensity) -> AssistDensity:
+def uniform(density: AssistDensity, positions: Tensor | None = None) -> AssistDensity:
     """The same everywhere: possession is paid, and where it is tells nothing.
 
-    Either surface is the constant that has the fitted surface's mean over the pitch. So a ball
+    Either surface is a constant, by default the fitted surface's mean over the pitch. So a ball
     that is equally often everywhere earns the same from both. An agent's ball is not: wherever it
-    is mostly in front of the goal, it earns less here than from the fitted densities.
+    is mostly in front of the goal, it earns less here than from the fitted densities. To pay an
+    agent as much as those do, give the positions of its ball.
 
     Args:
         density: the densities to compare with.
+        positions: (n, 2) positions in pitch units, such as those of
+            :func:`fbrl.possession.ball_positions`, to take the mean over instead of over the pitch.
     """
-    return _control(density, "uniform", _constant)
+
+    def constant(surface: PositionDensity) -> PositionDensity:
+        mean = mean_over_pitch(surface) if positions is None else float(surface(positions).mean())
+        return PositionDensity(torch.ones(2, 2), mean)
+
+    name = "uniform" if positions is None else f"uniform (mean at {len(positions)} positions)"
+    return _control(density, name, constant)
 
 
 def mirrored(density: AssistDensity) -> AssistDensity:
@@ -104,10 +113,6 @@ def _trapezoid_weights(size: int) -> Tensor:
     weights = torch.ones(size, dtype=torch.float64)
     weights[0] = weights[-1] = 0.5
     return weights / (size - 1)
-
-
-def _constant(surface: PositionDensity) -> PositionDensity:
-    return PositionDensity(torch.ones(2, 2), mean_over_pitch(surface))
 
 
 def _control(
