@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -56,7 +54,7 @@ def load_checkpoint(path: Path, device: torch.device | str = "cpu") -> Mapping[s
         raise CheckpointError(f"There is no checkpoint at {file}.")
     try:
         content = torch.load(file, map_location=device, weights_only=True)
-    except (RuntimeError, pickle.UnpicklingError, EOFError, OSError, zipfile.BadZipFile) as error:
+    except Exception as error:  # a damaged file can make the reader raise anything
         raise CheckpointError(
             f"{file} is damaged or is no checkpoint of fbrl ({type(error).__name__})."
         ) from error

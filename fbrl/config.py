@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fbrl.envs.scenarios import check_scenario
+from fbrl.envs.scenarios import SCENARIOS, check_scenario
 from fbrl.names import check_name
 
 REWARD_NAMES = ("analytics", "checkpoints", "scoring")
@@ -158,7 +158,8 @@ class TrainConfig:
     """Frames between two checkpoints."""
 
     eval_episodes: int = 200
-    """Fresh matches played with the trained policy at the end; 0 for none."""
+    """Fresh matches played with the trained policy at the end; 0 for none. The presets play 16 of
+    the scenarios that last 3000 steps."""
 
     eval_untrained: bool = False
     """Play as many with the untrained policy first."""
@@ -167,7 +168,7 @@ class TrainConfig:
     """Hyperparameters of PPO."""
 
     def check(self) -> None:
-        """Raises :class:`ConfigError`, or ``UnknownScenarioError``, for an impossible value."""
+        """Raises :class:`ConfigError`, or ``UnknownNameError``, for an impossible value."""
         check_scenario(self.scenario)
         check_name("preset", self.preset, PRESETS)
         check_name("reward", self.reward, REWARD_NAMES)
@@ -179,11 +180,13 @@ class TrainConfig:
         _check(self, "num_threads", self.num_threads is None or self.num_threads >= 1, "at least 1")
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
         _check(self, "eval_episodes", self.eval_episodes >= 0, "at least 0")
-        if self.density is not None and self.reward != "analytics":
-            raise ConfigError(
-                f"A density ({self.density}) is only used by the analytics reward, and the reward "
-                f"is {self.reward}. Leave one of the two out."
-            )
+        for name in ("density", "transition"):
+            value, default = getattr(self, name), getattr(type(self), name)
+            if self.reward != "analytics" and value != default:
+                raise ConfigError(
+                    f"{name} ({value}) is only used by the analytics reward, and the reward is "
+                    f"{self.reward}. Leave one of the two out."
+                )
         self.ppo.check()
 
 
@@ -221,13 +224,16 @@ def preset_config(preset: str, scenario: str) -> TrainConfig:
         ValueError: There is no preset of this name.
     """
     check_name("preset", preset, PRESETS)
+    is_long = scenario in SCENARIOS and SCENARIOS[scenario].duration >= 3000
+    eval_episodes = 16 if is_long else TrainConfig.eval_episodes
     if preset == "light":
-        return TrainConfig(scenario=scenario, preset=preset, ppo=_LIGHT)
+        return TrainConfig(scenario, preset, ppo=_LIGHT, eval_episodes=eval_episodes)
     is_full_match = scenario.startswith("11_vs_11")
     return TrainConfig(
-        scenario=scenario,
-        preset=preset,
+        scenario,
+        preset,
         observation="minimap",
+        eval_episodes=eval_episodes,
         ppo=_THESIS_FULL_MATCH if is_full_match else _THESIS_ACADEMY,
     )
 
@@ -254,7 +260,8 @@ def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
     try:
         ppo = PPOConfig(**values.get("ppo", {}))
         config = TrainConfig(**{**values, "ppo": ppo})
+        run_dir = None if config.run_dir is None else Path(config.run_dir)
+        hidden_sizes = tuple(config.hidden_sizes)
     except TypeError as error:
         raise ConfigError(f"This is no configuration of a training: {error}.") from error
-    run_dir = None if config.run_dir is None else Path(config.run_dir)
-    return dataclasses.replace(config, run_dir=run_dir, hidden_sizes=tuple(config.hidden_sizes))
+    return dataclasses.replace(config, run_dir=run_dir, hidden_sizes=hidden_sizes)

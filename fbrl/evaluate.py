@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,7 +35,7 @@ class Evaluation:
         """The mean over the matches."""
         return float(self.goal_differences.mean())
 
-    @property
+    @functools.cached_property
     def interval(self) -> tuple[float, float]:
         """Bounds of the mean's 95 % interval: percentile bootstrap, the same at each call."""
         values = self.goal_differences
@@ -45,6 +46,8 @@ class Evaluation:
             np.mean,
             confidence_level=CONFIDENCE,
             n_resamples=9999,
+            # Limits the memory, which would otherwise grow with the number of matches.
+            batch=100,
             method="percentile",
             rng=np.random.default_rng(0),
         )

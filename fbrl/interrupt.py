@@ -5,39 +5,50 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType, TracebackType
 from typing import Any
 
 
-class Interrupted(Exception):  # noqa: N818 (an event, not an error)
-    """Raised inside :meth:`Interrupt.allowed` when the user asks for the end."""
+class Interrupted(BaseException):
+    """Raised inside :meth:`Interrupt.allowed` when the user asks for the end.
+
+    Not an ``Exception``, so that no library's handling of errors swallows it.
+    """
 
 
 class Interrupt:
-    """Turns Ctrl-C and SIGTERM into an orderly end.
+    """Turns Ctrl-C, SIGTERM and SIGHUP into an orderly end.
 
-    As a context manager it takes the two signals over. The first one raises
-    :class:`Interrupted` inside :meth:`allowed` blocks, at once or when the next one begins;
-    elsewhere it only sets :attr:`requested`. A second one raises ``KeyboardInterrupt``.
+    As a context manager it takes these signals over, except those that were ignored on purpose.
+    The first one raises :class:`Interrupted` inside :meth:`allowed` blocks, at once or when the
+    next one begins; elsewhere it only sets :attr:`requested`. A second Ctrl-C raises
+    ``KeyboardInterrupt``, unless something is being saved; further other signals change nothing,
+    because schedulers repeat them.
 
     Outside the main thread signals can't be taken over, and nothing is changed.
+
+    Args:
+        on_postponed: Called when a signal has to wait for the work in hand.
 
     Attributes:
         requested: A signal has come.
     """
 
-    _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+    _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-    def __init__(self) -> None:
+    def __init__(self, on_postponed: Callable[[], None] = lambda: None) -> None:
         self.requested = False
+        self._on_postponed = on_postponed
         self._allowed = False
+        self._saving = False
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> Interrupt:
         if threading.current_thread() is threading.main_thread():
             for number in self._SIGNALS:
-                self._previous[number] = signal.signal(number, self._handle)
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._previous[number] = signal.signal(number, self._handle)
         return self
 
     def __exit__(
@@ -50,11 +61,13 @@ class Interrupt:
             signal.signal(number, handler)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        if self.requested:
+        if not self.requested:
+            self.requested = True
+            if self._allowed:
+                raise Interrupted
+            self._on_postponed()
+        elif number == signal.SIGINT and not self._saving:
             raise KeyboardInterrupt
-        self.requested = True
-        if self._allowed:
-            raise Interrupted
 
     @contextlib.contextmanager
     def allowed(self) -> Iterator[None]:
@@ -66,3 +79,12 @@ class Interrupt:
             yield
         finally:
             self._allowed = False
+
+    @contextlib.contextmanager
+    def saving(self) -> Iterator[None]:
+        """A block that no signal breaks off."""
+        self._saving = True
+        try:
+            yield
+        finally:
+            self._saving = False

@@ -28,7 +28,7 @@ name                                  meaning
 ====================================  ==============================================================
 
 The x axis is environment frames throughout. ``metrics.csv`` in the run's directory has the same
-numbers, a row per iteration.
+numbers, a row per iteration, and ``evaluations.csv`` a row per evaluation.
 """
 
 from __future__ import annotations
@@ -81,6 +81,7 @@ class Monitor:
         self._writer = SummaryWriter(str(run_dir))
         self._table = (run_dir / "metrics.csv").open("w", newline="", encoding="utf-8")
         self._csv: csv.DictWriter[str] | None = None
+        self._evaluations = run_dir / "evaluations.csv"
 
     def __enter__(self) -> Monitor:
         return self
@@ -129,12 +130,23 @@ class Monitor:
 
     def log_evaluation(self, evaluation: Evaluation, frames: int) -> None:
         """Writes the goal difference on fresh matches with its interval."""
-        name = "evaluation/goal_difference"
         low, high = evaluation.interval
-        self._writer.add_scalar(name, evaluation.goal_difference, frames)
-        self._writer.add_scalar(f"{name}_low", low, frames)
-        self._writer.add_scalar(f"{name}_high", high, frames)
+        metrics = {
+            "evaluation/goal_difference": evaluation.goal_difference,
+            "evaluation/goal_difference_low": low,
+            "evaluation/goal_difference_high": high,
+        }
+        for name, value in metrics.items():
+            self._writer.add_scalar(name, value, frames)
         self._writer.flush()
+        matches = len(evaluation.goal_differences)
+        row = {"frames": frames, **metrics, "evaluation/matches": matches}
+        is_new = not self._evaluations.exists()
+        with self._evaluations.open("a", newline="", encoding="utf-8") as file:
+            table = csv.DictWriter(file, list(row))
+            if is_new:
+                table.writeheader()
+            table.writerow(row)
 
     def _add_matches(self, batch: TensorDictBase) -> None:
         following = batch.get("next")

@@ -6,6 +6,10 @@ import difflib
 from collections.abc import Iterable
 
 
+class UnknownNameError(ValueError):
+    """Raised for a name that there is not, with the nearest and all names in its message."""
+
+
 def check_name(kind: str, name: str, allowed: Iterable[str]) -> str:
     """Returns the name if it is allowed.
 
@@ -15,11 +19,11 @@ def check_name(kind: str, name: str, allowed: Iterable[str]) -> str:
         allowed: The names that there are.
 
     Raises:
-        ValueError: The name is not among them; the message has the nearest, and all of them.
+        UnknownNameError: The name is not among them.
     """
     names = list(allowed)
     if name in names:
         return name
     near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.3)
     hint = f" Did you mean {near[0]}?" if near else ""
-    raise ValueError(f"There is no {kind} {name!r}.{hint} Choose from {', '.join(names)}.")
+    raise UnknownNameError(f"There is no {kind} {name!r}.{hint} Choose from {', '.join(names)}.")

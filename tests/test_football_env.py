@@ -16,7 +16,7 @@ from torchrl.envs import GymEnv
 from torchrl.envs.utils import check_env_specs
 
 import fbrl
-from fbrl.envs import OBSERVATION_SPACE, SCENARIOS, FootballEnv, UnknownScenarioError
+from fbrl.envs import OBSERVATION_SPACE, SCENARIOS, FootballEnv, UnknownNameError
 from fbrl.envs.engine import load_gfootball
 
 FORCED_PASS_AFTER = 20
@@ -332,11 +332,11 @@ def test_stepping_before_a_reset_or_after_the_end_says_what_to_do():
 
 
 def test_an_unknown_scenario_is_answered_with_the_nearest_names():
-    with pytest.raises(UnknownScenarioError, match="academy_counterattack_hard"):
+    with pytest.raises(UnknownNameError, match="academy_counterattack_hard"):
         FootballEnv("academy_counteratack_hard")
-    with pytest.raises(UnknownScenarioError):
+    with pytest.raises(UnknownNameError):
         FootballEnv("tests")
-    with pytest.raises(UnknownScenarioError):
+    with pytest.raises(UnknownNameError):
         FootballEnv("../env/config")
 
 

@@ -38,6 +38,50 @@ def test_a_second_signal_ends_at_once():
             signal.raise_signal(signal.SIGINT)
 
 
+def test_further_sigterms_change_nothing_because_schedulers_repeat_them():
+    reached = []
+    with Interrupt() as interrupt:
+        for _ in range(3):
+            signal.raise_signal(signal.SIGTERM)
+        reached.append("work finished")
+        assert interrupt.requested
+    assert reached == ["work finished"]
+
+
+def test_no_signal_breaks_off_a_save():
+    reached = []
+    with Interrupt() as interrupt, interrupt.saving():
+        for _ in range(3):
+            signal.raise_signal(signal.SIGINT)
+        reached.append("saved")
+    assert reached == ["saved"]
+
+
+def test_a_signal_that_has_to_wait_is_answered_once():
+    answered = []
+    with Interrupt(lambda: answered.append(True)) as interrupt:
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGHUP)
+        assert interrupt.requested
+    assert answered == [True]
+
+
+def test_a_signal_that_was_ignored_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Interrupt() as interrupt:
+            signal.raise_signal(signal.SIGHUP)
+            assert not interrupt.requested
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_handler_of_errors_does_not_swallow_it():
+    swallowing = contextlib.suppress(Exception)
+    with Interrupt() as interrupt, pytest.raises(Interrupted), interrupt.allowed(), swallowing:
+        signal.raise_signal(signal.SIGINT)
+
+
 def test_without_a_signal_nothing_happens_and_the_handlers_come_back():
     before = signal.getsignal(signal.SIGINT)
     with Interrupt() as interrupt:

@@ -125,5 +125,7 @@ def test_returns_on_cartpole_equal_those_of_stable_baselines3():
     for quarter in range(4):
         test = stats.ttest_ind(ours[:, quarter], peers[:, quarter], equal_var=False)
         assert test.pvalue > 0.01, f"quarter {quarter}: {ours[:, quarter]} {peers[:, quarter]}"
-    ratio = ours[:, -1].mean() / peers[:, -1].mean()
-    assert 0.8 < ratio < 1.25
+    # Not being told apart is weak evidence with so few seeds; the means also have to be close.
+    ratios = ours.mean(0) / peers.mean(0)
+    assert (ratios > 0.85).all(), ratios
+    assert (ratios < 1 / 0.85).all(), ratios

@@ -227,6 +227,11 @@ BAD_USAGE = {
     "no value": ([SCENARIO, "--preset"], "--preset"),
     "no such device": ([SCENARIO, "--device", "tpu"], "'tpu'"),
     "no such density": ([SCENARIO, "--density", "nowhere.npz"], "nowhere.npz"),
+    "useless transition": (
+        [SCENARIO, "--reward", "scoring", "--transition", "consecutive"],
+        "transition (consecutive) is only used by the analytics reward",
+    ),
+    "one argument too many": ([SCENARIO, "again"], "error: Unrecognized options: again"),
     "useless density": ([SCENARIO, "--reward", "scoring", "--density", "a"], "analytics reward"),
 }
 
@@ -241,6 +246,13 @@ def test_bad_usage_is_answered_with_one_line_and_exit_code_2(case, run_program, 
     assert done.stderr.count("\n") == 1
     assert expected in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_directory_may_have_brackets_in_its_name(run_program, tmp_path):
+    done = run_program("fbrl-train", SCENARIO, *SMALL, "--run-dir", "[/x] a[bold]b")
+    assert done.returncode == 0, done.stderr
+    assert "'[/x] a[bold]b'" in done.stdout.splitlines()[-1]
+    assert (tmp_path / "[/x] a[bold]b" / "metrics.csv").exists()
 
 
 def test_a_used_run_directory_is_left_alone(run, run_program):

@@ -13,7 +13,7 @@ from fbrl.config import PPOConfig
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.models.mlp import MLP
 from fbrl.ppo.algorithm import PPO
-from fbrl.ppo.update import minibatches, update
+from fbrl.ppo.update import TrainingDivergedError, minibatches, update
 
 
 def make_ppo(**changes):
@@ -155,3 +155,19 @@ def test_a_uniform_policys_entropy_is_the_logarithm_of_the_number_of_actions():
         ppo.model.get_collection_policy().policy_head.weight.zero_()
     losses = update(ppo.loss, ppo.optimizer, make_minibatch(ppo), 1.0)
     assert losses["entropy"].item() == pytest.approx(math.log(4))
+
+
+@pytest.mark.parametrize("broken", ["value_target", "advantage", "weights"])
+def test_a_step_that_is_not_finite_is_not_taken(broken):
+    ppo = make_ppo(normalize_advantage=False)
+    minibatch = make_minibatch(ppo)
+    if broken == "weights":
+        with torch.no_grad():
+            ppo.model.get_collection_policy().policy_head.weight.fill_(float("inf"))
+    else:
+        minibatch[broken][3] = float("nan")
+    before = [p.clone() for p in ppo.model.parameters()]
+    with pytest.raises(TrainingDivergedError, match="lower learning_rate"):
+        update(ppo.loss, ppo.optimizer, minibatch, 1.0)
+    for old, new in zip(before, ppo.model.parameters(), strict=True):
+        assert torch.equal(old, new)

@@ -12,11 +12,11 @@ from typing import NoReturn
 BAD_USAGE = 2
 
 
-def fail(program: str, message: object) -> NoReturn:
-    """Prints one line on stderr and exits with code 2."""
+def fail(program: str, message: object, exit_code: int = BAD_USAGE) -> NoReturn:
+    """Prints one line on stderr and exits, with code 2 unless another one is given."""
     line = " ".join(str(message).split())
     print(f"{program}: error: {line}", file=sys.stderr)
-    sys.exit(BAD_USAGE)
+    sys.exit(exit_code)
 
 
 @contextlib.contextmanager
@@ -29,7 +29,8 @@ def parsing(program: str) -> Iterator[None]:
     except SystemExit as end:
         if not end.code:
             raise
-        message = re.sub(r"\x1b\[[0-9;]*m|[\u2500-\u257f]", " ", captured.getvalue())
-        message, _, _ = message.partition("For full helptext")
-        message = " ".join(message.split()).removeprefix("Parsing error").strip()
-        fail(program, f"{message} (see {program} --help)")
+        text = re.sub(r"\x1b\[[0-9;]*m", "", captured.getvalue())
+        # The frame's first line holds a title only; what follows these words repeats the help.
+        inside = re.sub(r"^\u256d.*$|[\u2500-\u257f]", " ", text, flags=re.MULTILINE)
+        message = re.split(r"For full helptext|Argument helptext:", inside)[0]
+        fail(program, f"{' '.join(message.split())} (see {program} --help)")

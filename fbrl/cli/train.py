@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import os
 import shlex
+import shutil
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 # Threads that wait for work by spinning would take the cores from the matches; OpenMP reads this
@@ -19,7 +22,8 @@ from rich.console import Console
 
 from fbrl.cli.errors import fail, parsing
 from fbrl.cli.train_display import TrainDisplay
-from fbrl.config import PRESETS, TrainConfig, preset_config
+from fbrl.config import PRESETS, ConfigError, TrainConfig, preset_config
+from fbrl.names import UnknownNameError
 
 if TYPE_CHECKING:
     from fbrl.ppo.trainer import TrainResult
@@ -38,25 +42,44 @@ option can be set on top of a preset. Examples:
   fbrl-train 11_vs_11_easy_stochastic --reward scoring --total-frames 2000000 --num-envs 16
 """
 
+DIVERGED = 1
+"""Exit code of a training whose losses are no longer numbers."""
+
 INTERRUPTED = 130
 """Exit code of a training that a signal ended, as shells give it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the command; ends the process with 0, 2 on bad usage, or 130 if it was interrupted."""
-    config = parse(sys.argv[1:] if arguments is None else arguments)
+    """Runs the command.
+
+    Ends the process with 0; 2 on bad usage; 1 if the training diverged; 130 if it was interrupted.
+    """
+    try:
+        _main(sys.argv[1:] if arguments is None else arguments)
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted; nothing was saved since the last line", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+
+def _main(arguments: Sequence[str]) -> None:
+    config = parse(arguments)
     # Seconds of imports, which --help and a mistyped option needn't wait for.
     from fbrl.envs import EngineNotInstalledError
     from fbrl.ppo.trainer import TrainListener, train
+    from fbrl.ppo.update import TrainingDivergedError
 
-    console = Console(highlight=False, soft_wrap=True)
+    # A run's directory may have brackets in its name, which are no markup.
+    console = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)
     try:
         with TrainDisplay(console, config) as display:
-            result = train(
-                config, TrainListener(display.started, display.metrics, display.evaluation)
+            listener = TrainListener(
+                display.started, display.metrics, display.evaluation, display.postponed
             )
-    except (ValueError, EngineNotInstalledError, OSError) as error:
+            result = train(config, listener)
+    except (ConfigError, UnknownNameError, EngineNotInstalledError, OSError) as error:
         fail(PROGRAM, error)
+    except TrainingDivergedError as error:
+        fail(PROGRAM, error, exit_code=DIVERGED)
     report(console, result)
     sys.exit(INTERRUPTED if result.interrupted else 0)
 
@@ -73,7 +96,7 @@ def parse(arguments: Sequence[str]) -> TrainConfig:
         scenario = _parse(arguments, preset_config(preset, "")).scenario
         config = _parse(arguments, preset_config(preset, scenario))
         config.check()
-    except (ValueError, argparse.ArgumentError) as error:
+    except (ConfigError, UnknownNameError, argparse.ArgumentError) as error:
         fail(PROGRAM, error)
     return config
 
@@ -97,7 +120,11 @@ def report(console: Console, result: TrainResult) -> None:
             console.print(f"Goal difference, {name}: {evaluation} (mean, 95 % interval)")
     ended = "Interrupted" if result.interrupted else "Done"
     where = shlex.quote(str(result.run_dir))
+    # Not on the path where the command was called by its path, as `make train` does.
+    tensorboard = shutil.which("tensorboard") or Path(sys.executable).with_name("tensorboard")
+    with contextlib.suppress(ValueError):
+        tensorboard = Path(tensorboard).relative_to(Path.cwd())
     console.print(
         f"{ended} after {result.frames:,} frames. Everything is in {where}; look at it with: "
-        f"tensorboard --host localhost --logdir {where}"
+        f"{shlex.quote(str(tensorboard))} --host localhost --logdir {where}"
     )

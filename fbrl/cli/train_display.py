@@ -63,6 +63,11 @@ class TrainDisplay:
             f"{config.ppo.num_envs} matches, {config.ppo.total_frames:,} frames, seed "
             f"{config.seed}, {device.type}. Ctrl-C saves and ends.\nRun directory: {run_dir}"
         )
+        self._update("training", 0, config.ppo.total_frames, "frames")
+
+    def postponed(self) -> None:
+        """Answers a signal that comes in the middle of an update."""
+        self._console.print("Ending after this update; Ctrl-C again ends at once, unsaved.")
 
     def metrics(self, frames: int, metrics: Mapping[str, float]) -> None:
         """Shows an iteration's metrics."""

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from fbrl.envs.engine import EngineNotInstalledError
 from fbrl.envs.football import FootballEnv, FootballVectorEnv
 from fbrl.envs.observation import OBSERVATION_SPACE
-from fbrl.envs.scenarios import SCENARIOS, Scenario, UnknownScenarioError
+from fbrl.envs.scenarios import SCENARIOS, Scenario
+from fbrl.names import UnknownNameError
 
 if TYPE_CHECKING:
     from fbrl.envs.factory import make_env
@@ -22,7 +23,7 @@ __all__ = [
     "FootballEnv",
     "FootballVectorEnv",
     "Scenario",
-    "UnknownScenarioError",
+    "UnknownNameError",
     "make_env",
 ]
 

@@ -66,8 +66,8 @@ _WAITING_STEPS_BEFORE_FORCED_PASS = 20
 _WAITING_STEPS_BEFORE_TURNING_BACK = 30
 
 _INSTALL_REMEDY = (
-    "Run `make setup` in a clone of fbrl, which builds it with everything that it needs, "
-    "or see the installation page of the documentation; `fbrl-doctor` checks the result."
+    "Run `make setup` in a clone of fbrl, which builds it with everything that it needs; "
+    "`fbrl-doctor` checks the result."
 )
 
 
@@ -136,6 +136,22 @@ def load_gfootball() -> GFootball:
         raise EngineNotInstalledError(
             f"The football engine can't be imported ({error}). {_INSTALL_REMEDY}"
         ) from error
+
+
+def build_scenario(scenario: str, seed: int, episode_number: int) -> Any:
+    """Builds the configuration of one episode, to be handed to the engine once.
+
+    The engine scales the ball's position in place, so each episode needs a new one.
+    """
+    config = load_gfootball().config.Config(
+        {
+            "level": scenario,
+            "game_engine_random_seed": seed,
+            # gfootball adds one before it builds the scenario.
+            "episode_number": episode_number - 1,
+        }
+    )
+    return config.ScenarioConfig()
 
 
 # An engine keeps 70 to 130 MB that are never freed, so finished matches hand theirs on.
@@ -207,19 +223,11 @@ class Match:
         """
         if not self._release.alive:
             raise RuntimeError(f"The match of {self.scenario!r} is closed: make a new one.")
-        # A fresh configuration each time: the engine scales its ball position in place.
-        config = self._gfootball.config.Config(
-            {
-                "level": self.scenario,
-                "game_engine_random_seed": seed,
-                "episode_number": episode_number - 1,
-            }
-        )
         self._previous_score_difference = 0
         self._previous_game_mode = -1
         self._previous_ball_owned_team = -1
         self._engine.state = self._gfootball.engine.GameState.game_running
-        self._engine.reset(config.ScenarioConfig(), False)
+        self._engine.reset(build_scenario(self.scenario, seed, episode_number), False)
         self._read_info()
         while not self._info.is_in_play:
             self._step_engine()

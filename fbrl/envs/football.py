@@ -51,7 +51,7 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
             faster. See :mod:`fbrl.envs.observation` for their meaning.
 
     Raises:
-        UnknownScenarioError: There is no such scenario.
+        UnknownNameError: There is no such scenario.
         EngineNotInstalledError: gfootball is missing.
 
     The action is an index into gfootball's default action set of 19; a step plays 100 ms. The
@@ -146,7 +146,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
     Raises:
         ValueError: ``num_envs`` or ``num_threads`` is not positive.
-        UnknownScenarioError: There is no such scenario.
+        UnknownNameError: There is no such scenario.
         EngineNotInstalledError: gfootball is missing.
 
     Matches do not start again by themselves (``AutoresetMode.DISABLED``): after an episode's

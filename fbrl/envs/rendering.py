@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fbrl.envs.engine import FIRST_EPISODE, load_gfootball
+from fbrl.envs.engine import FIRST_EPISODE, build_scenario, load_gfootball
 from fbrl.envs.scenarios import check_scenario
 
 
@@ -26,24 +26,18 @@ def render_frame(
         Red, green and blue, uint8 of shape (height, width, 3).
 
     Raises:
-        UnknownScenarioError: There is no such scenario.
+        UnknownNameError: There is no such scenario.
         EngineNotInstalledError: gfootball is missing.
     """
+    check_scenario(scenario)
     gfootball = load_gfootball()
     engine = gfootball.engine.GameEnv()
     engine.game_config.render = True
     engine.game_config.render_resolution_x = width
     engine.game_config.render_resolution_y = height
     engine.start_game()
-    config = gfootball.config.Config(
-        {
-            "level": check_scenario(scenario),
-            "game_engine_random_seed": seed,
-            "episode_number": FIRST_EPISODE - 1,
-        }
-    )
     engine.state = gfootball.engine.GameState.game_running
-    engine.reset(config.ScenarioConfig(), False)
+    engine.reset(build_scenario(scenario, seed, FIRST_EPISODE), False)
     # A step draws its end; before one the camera is not in place.
     engine.step()
     pixels = np.frombuffer(engine.get_frame(), np.uint8).reshape(height, width, 3)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib.util
 import re
 from dataclasses import dataclass
 from pathlib import Path
+
+from fbrl.names import check_name
 
 
 @dataclass(frozen=True)
@@ -81,10 +82,6 @@ SCENARIOS: dict[str, Scenario] = {
 }
 
 
-class UnknownScenarioError(ValueError):
-    """Raised for a name that is no scenario, with the nearest names in its message."""
-
-
 def check_scenario(name: str) -> str:
     """Returns the name of an existing scenario, one of :data:`SCENARIOS` or the user's own.
 
@@ -92,12 +89,11 @@ def check_scenario(name: str) -> str:
     documentation describes.
 
     Raises:
-        UnknownScenarioError: There is none of this name.
+        UnknownNameError: There is none of this name.
     """
     if name in SCENARIOS or _is_own_scenario(name):
         return name
-    near = difflib.get_close_matches(str(name), SCENARIOS, n=3, cutoff=0.4) or list(SCENARIOS)
-    raise UnknownScenarioError(f"There is no scenario {name!r}. Did you mean {' or '.join(near)}?")
+    return check_name("scenario", name, SCENARIOS)
 
 
 def _is_own_scenario(name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from types import TracebackType
 
 import torch
@@ -84,6 +85,8 @@ class PPO:
     def close(self) -> None:
         """Ends collection; the environment stays open."""
         if self._collector is not None:
+            # The generator holds a CUDA stream that is current until it is closed.
+            self._batches.close()
             self._collector.shutdown(close_env=False)
 
     def collect(self) -> TensorDictBase:
@@ -101,7 +104,7 @@ class PPO:
                 frames_per_batch=self.config.frames_per_batch,
                 device=next(self.model.parameters()).device,
             )
-            self._batches = iter(self._collector)
+            self._batches: Generator[TensorDictBase, None, None] = iter(self._collector)
         return next(self._batches)
 
     def learn(self, batch: TensorDictBase) -> dict[str, float]:
@@ -128,7 +131,6 @@ class PPO:
         self.frames += batch.numel()
         means = TensorDict.stack(steps).mean(0)
         means["explained_variance"] = explained_variance(flat)
-        # The one place where learning waits for the device.
         losses = {name: float(value) for name, value in means.cpu().items()}
         return {**losses, "learning_rate": learning_rate}
 

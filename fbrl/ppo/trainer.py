@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import torch
 from torchrl.envs import EnvBase
 
 from fbrl.checkpoint import CHECKPOINT_NAME, save_checkpoint
 from fbrl.config import ConfigError, TrainConfig, config_to_dict, save_config
+from fbrl.envs.engine import load_gfootball
 from fbrl.envs.factory import make_env, make_reward
 from fbrl.evaluate import Evaluation, evaluate
 from fbrl.interrupt import Interrupt, Interrupted
 from fbrl.models.actor_critic import ActorCritic, build_actor_critic
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
+from fbrl.transforms import ScoringReward
 
 
 @dataclass(frozen=True)
@@ -31,11 +33,13 @@ class TrainListener:
         on_start: With the run's directory and the device, once they are there.
         on_metrics: With the frames done and the metrics of each iteration.
         on_evaluation: With ``"untrained"`` or ``"trained"``, matches done and matches wanted.
+        on_postponed: When a signal has to wait until an update is finished.
     """
 
     on_start: Callable[[Path, torch.device], None] = lambda run_dir, device: None
     on_metrics: Callable[[int, Mapping[str, float]], None] = lambda frames, metrics: None
     on_evaluation: Callable[[str, int, int], None] = lambda which, done, wanted: None
+    on_postponed: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True)
@@ -65,15 +69,20 @@ def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainRe
 
     Raises:
         ConfigError: A value is impossible, or the run's directory can't be used.
-        UnknownScenarioError: There is no such scenario.
+        UnknownNameError: There is no such scenario, reward or the like.
         EngineNotInstalledError: gfootball is missing.
+        TrainingDivergedError: A loss is not finite; the last checkpoint is the one before.
     """
     listener = listener or TrainListener()
     config.check()
     device = choose_device(config.device)
     torch.manual_seed(config.seed)
     model = make_model(config, device)
-    reward = make_reward(config.reward, **_reward_options(config))
+    reward = _make_reward(config)
+    load_gfootball()
+    run_dir = make_run_dir(config)
+    save_config(dataclasses.replace(config, run_dir=run_dir), run_dir / "config.json")
+    listener.on_start(run_dir, device)
     env = make_env(
         config.scenario,
         num_envs=config.ppo.num_envs,
@@ -81,13 +90,10 @@ def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainRe
         observation=config.observation,
         num_threads=config.num_threads,
     )
-    run_dir = make_run_dir(config)
-    save_config(dataclasses.replace(config, run_dir=run_dir), run_dir / "config.json")
-    listener.on_start(run_dir, device)
-
     untrained = trained = None
     with (
-        Interrupt() as interrupt,
+        contextlib.closing(env),
+        Interrupt(listener.on_postponed) as interrupt,
         Monitor(run_dir, reward.part_names) as monitor,
         PPO(env, model, config.ppo) as ppo,
     ):
@@ -111,17 +117,19 @@ def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainRe
                 )
                 listener.on_metrics(ppo.frames, metrics)
                 if ppo.frames - saved_at >= config.checkpoint_interval:
-                    _save(run_dir, config, ppo)
+                    with interrupt.saving():
+                        _save(run_dir, config, ppo)
                     saved_at = ppo.frames
 
-            _save(run_dir, config, ppo)
+            with interrupt.saving():
+                _save(run_dir, config, ppo)
             if config.eval_episodes:
                 with interrupt.allowed():
                     trained = _evaluate(config, env, model, "trained", listener)
                 monitor.log_evaluation(trained, ppo.frames)
         except Interrupted:
-            _save(run_dir, config, ppo)
-    env.close()
+            with interrupt.saving():
+                _save(run_dir, config, ppo)
     return TrainResult(run_dir, ppo.frames, interrupt.requested, untrained, trained)
 
 
@@ -198,10 +206,13 @@ def _evaluate(
         )
 
 
-def _reward_options(config: TrainConfig) -> dict[str, Any]:
+def _make_reward(config: TrainConfig) -> ScoringReward:
     if config.reward != "analytics":
-        return {}
-    return {"density": config.density, "transition": config.transition}
+        return make_reward(config.reward)
+    try:
+        return make_reward(config.reward, density=config.density, transition=config.transition)
+    except (ValueError, OSError) as error:
+        raise ConfigError(str(error)) from error
 
 
 def _save(run_dir: Path, config: TrainConfig, ppo: PPO) -> None:

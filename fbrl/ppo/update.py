@@ -11,6 +11,13 @@ from torch.optim import Optimizer
 from torchrl.objectives import ClipPPOLoss
 
 
+_REMEDY = "the training has diverged. Try a lower learning_rate or clip_epsilon."
+
+
+class TrainingDivergedError(ArithmeticError):
+    """Raised before a step that would put infinities or NaNs into the network."""
+
+
 def minibatches(batch: TensorDictBase, frames_per_minibatch: int) -> Iterator[TensorDictBase]:
     """Splits a flat batch at random into minibatches of one size; a remainder is left out.
 
@@ -41,16 +48,31 @@ def update(
         max_grad_norm: The gradient is scaled down to this norm.
 
     Returns:
-        Scalars on the minibatch's device, not read back, so that a GPU needn't wait:
+        Scalars on the minibatch's device:
         ``policy_loss``, ``value_loss``, ``entropy``, ``approx_kl``, ``clip_fraction`` and
         ``gradient_norm`` (before scaling).
+
+    Raises:
+        TrainingDivergedError: The loss or its gradient is not finite; the parameters are as they
+            were before.
     """
-    losses = loss_module(minibatch)
+    try:
+        losses = loss_module(minibatch)
+    except RuntimeError as error:
+        # For logits that are not finite the loss estimates the entropy by sampling, which fails.
+        if "probability tensor" not in str(error):
+            raise
+        raise TrainingDivergedError(f"The policy is no longer finite: {_REMEDY}") from error
     loss = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
     optimizer.zero_grad(set_to_none=True)
     loss.backward()
     parameters = [p for group in optimizer.param_groups for p in group["params"]]
     gradient_norm = nn.utils.clip_grad_norm_(parameters, max_grad_norm)
+    # Waits for the device, as the loss does anyway when it checks the entropy.
+    if not torch.isfinite(loss + gradient_norm):
+        raise TrainingDivergedError(
+            f"The loss is {loss.item():g} and its gradient's norm {gradient_norm.item():g}: {_REMEDY}"
+        )
     optimizer.step()
     return TensorDict(
         {
