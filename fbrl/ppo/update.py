@@ -10,7 +10,6 @@ from torch import nn
 from torch.optim import Optimizer
 from torchrl.objectives import ClipPPOLoss
 
-
 _REMEDY = "the training has diverged. Try a lower learning_rate or clip_epsilon."
 
 
@@ -71,7 +70,8 @@ def update(
     # Waits for the device, as the loss does anyway when it checks the entropy.
     if not torch.isfinite(loss + gradient_norm):
         raise TrainingDivergedError(
-            f"The loss is {loss.item():g} and its gradient's norm {gradient_norm.item():g}: {_REMEDY}"
+            f"The loss is {loss.item():g}, the norm of its gradient {gradient_norm.item():g}: "
+            f"{_REMEDY}"
         )
     optimizer.step()
     return TensorDict(
