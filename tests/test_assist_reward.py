@@ -39,8 +39,10 @@ from torchrl.modules import RandomPolicy
 from torchrl.objectives.value import GAE
 
 from fbrl.density import AssistDensity, PositionDensity
-from fbrl.density.fit import PEAK_END, PEAK_START, read_assists_csv
+from fbrl.density.fit import PEAK_END, PEAK_START
 from fbrl.density.kde import grid_positions, kernel_covariance, kernel_sum
+from fbrl.density.passes import starts_and_ends
+from fbrl.density.tables import read_passes_csv
 from fbrl.envs import FootballEnv, FootballVectorEnv
 from fbrl.transforms import AssistDensityReward, CheckpointReward, ScoringReward
 
@@ -168,9 +170,8 @@ class TestAgainstTheOracle:
     @pytest.mark.skipif(not ASSISTS.exists(), reason="the StatsBomb table is not here")
     def test_the_shipped_densities_are_the_exact_sums_over_the_474_assists(self):
         exact = []
-        for points, density in zip(
-            read_assists_csv(ASSISTS), (SHIPPED.start, SHIPPED.end), strict=True
-        ):
+        positions = starts_and_ends(read_passes_csv(ASSISTS).rows)
+        for points, density in zip(positions, (SHIPPED.start, SHIPPED.end), strict=True):
             nodes = grid_positions(*density.grid.shape)
             best = nodes.reshape(-1, 2)[int(density.grid.argmax())]
             exact.append(exact_density(points, density.peak, best[None]))
