@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fbrl.cli.density_common import (
-    Parser,
     add_command,
     add_density,
     check_outputs,
@@ -20,7 +19,7 @@ from fbrl.cli.density_common import (
 from fbrl.cli.density_options import add_fit_options, add_pass_options, pass_filter
 from fbrl.cli.density_plot import add_plot
 from fbrl.cli.density_source import read_passes
-from fbrl.cli.errors import fail
+from fbrl.cli.errors import Parser, fail
 
 if TYPE_CHECKING:
     from fbrl.density import AssistDensity

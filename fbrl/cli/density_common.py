@@ -5,20 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from rich.console import Console
 
 from fbrl.cli.density_source import Reading
-from fbrl.cli.errors import fail
-
-
-class Parser(argparse.ArgumentParser):
-    """Answers bad usage with one line, where argparse prints the usage too."""
-
-    def error(self, message: str) -> NoReturn:
-        """Prints the line and exits with code 2."""
-        fail(self.prog, f"{message} (see {self.prog} --help)")
+from fbrl.cli.errors import Parser
 
 
 def add_command(

@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 import fbrl
+from fbrl.cli.errors import Parser
 from fbrl.doctor import CHECKS, RENDERING, CheckResult, installation_works, run_checks
 
 _DESCRIPTION = """\
@@ -52,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="fbrl-doctor",
         description=_DESCRIPTION,
         epilog=_EPILOG,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
 import re
@@ -17,6 +18,14 @@ def fail(program: str, message: object, exit_code: int = BAD_USAGE) -> NoReturn:
     line = " ".join(str(message).split())
     print(f"{program}: error: {line}", file=sys.stderr)
     sys.exit(exit_code)
+
+
+class Parser(argparse.ArgumentParser):
+    """Answers bad usage with one line, where argparse prints the usage too."""
+
+    def error(self, message: str) -> NoReturn:
+        """Prints the line and exits with code 2."""
+        fail(self.prog, f"{message} (see {self.prog} --help)")
 
 
 @contextlib.contextmanager
