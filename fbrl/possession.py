@@ -12,10 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torchrl.envs import ExplorationType, set_exploration_type
 
-from fbrl.checkpoint import load_checkpoint
-from fbrl.config import config_from_dict
+from fbrl.agent import load_agent
 from fbrl.envs import make_env
-from fbrl.ppo.trainer import make_model
 from fbrl.transforms.shaped_reward import in_control
 
 _KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
@@ -55,17 +53,14 @@ def ball_positions(
 def _play(
     run: Path, matches: int, seed: int, num_envs: int, on_progress: Callable[[int], None]
 ) -> NDArray[np.float64]:
-    checkpoint = load_checkpoint(run)
-    config = config_from_dict(checkpoint["config"])
-    model = make_model(config, torch.device("cpu"))
-    model.load_state_dict(checkpoint["model"])
-    policy = model.get_collection_policy()
+    agent = load_agent(run)
+    policy = agent.model.get_collection_policy()
     num_envs = min(num_envs, matches)
     env = make_env(
-        config.scenario,
+        agent.config.scenario,
         num_envs=num_envs,
         reward="scoring",
-        observation=config.observation,
+        observation=agent.config.observation,
         keep_keys=_KEYS,
         seed=seed,
     )

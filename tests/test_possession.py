@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from fbrl.agent import make_model
 from fbrl.checkpoint import CheckpointError, save_checkpoint
 from fbrl.config import config_to_dict, preset_config
 from fbrl.possession import ball_positions, read_positions, write_positions
-from fbrl.ppo.trainer import make_model
 
 SCENARIO = "academy_empty_goal_close"
 

@@ -18,10 +18,10 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 import fbrl.monitor
+from fbrl.agent import make_model
 from fbrl.checkpoint import load_checkpoint
 from fbrl.config import config_from_dict, preset_config
 from fbrl.envs import make_env
-from fbrl.ppo.trainer import make_model
 
 SCENARIO = "academy_pass_and_shoot_with_keeper"
 SMALL = ("--num-envs", 4, "--num-steps", 128, "--total-frames", 1024, "--eval-episodes", 8)

@@ -8,11 +8,12 @@ import signal
 import pytest
 import torch
 
+from fbrl.agent import make_model
 from fbrl.cli.train import parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.football import FootballVectorEnv
 from fbrl.ppo import trainer
-from fbrl.ppo.trainer import TrainListener, choose_device, make_model, train
+from fbrl.ppo.trainer import TrainListener, choose_device, train
 from fbrl.ppo.update import TrainingDivergedError
 
 SMALL = PPOConfig(total_frames=256, num_envs=2, num_steps=32, num_minibatches=2, num_epochs=1)

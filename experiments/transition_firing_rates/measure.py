@@ -18,11 +18,9 @@ from pathlib import Path
 import torch
 from torchrl.modules.tensordict_module.exploration import RandomPolicy
 
-from fbrl.checkpoint import load_checkpoint
-from fbrl.config import config_from_dict
+from fbrl.agent import load_agent
 from fbrl.density import AssistDensity, PositionDensity
 from fbrl.envs import make_env
-from fbrl.ppo.trainer import make_model
 from fbrl.transforms import AssistDensityReward
 
 NUM_ENVS = 8
@@ -42,21 +40,26 @@ def measure(scenario: str, run: Path | None, steps: int, seed: int) -> dict[str,
         for transition in ("possession", "consecutive")
     }
     raw_keys = [key for key in rewards["possession"].in_keys if key != "reward"]
-    env = make_env(scenario, num_envs=NUM_ENVS, reward="scoring", keep_keys=raw_keys, seed=seed)
-    if run is None:
+    agent = None if run is None else load_agent(run)
+    env = make_env(
+        scenario,
+        num_envs=NUM_ENVS,
+        reward="scoring",
+        observation="simple115" if agent is None else agent.config.observation,
+        keep_keys=raw_keys,
+        seed=seed,
+    )
+    if agent is None:
         policy = RandomPolicy(env.full_action_spec)
     else:
-        checkpoint = load_checkpoint(run)
-        model = make_model(config_from_dict(checkpoint["config"]), torch.device("cpu"))
-        model.load_state_dict(checkpoint["model"])
-        policy = model.get_collection_policy()
+        policy = agent.model.get_collection_policy()
     with torch.no_grad():
         played = env.rollout(steps // NUM_ENVS, policy, break_when_any_done=False)
     env.close()
     per_10_000 = 10_000 / played.numel()
     row: dict[str, float | str] = {
         "scenario": scenario,
-        "policy": "random" if run is None else f"trained for {checkpoint['frames']:,} frames",
+        "policy": "random" if agent is None else f"trained for {agent.frames:,} frames",
         "steps": played.numel(),
         "matches": int(played["next", "done"].sum()),
     }

@@ -13,13 +13,14 @@ from pathlib import Path
 import torch
 from torchrl.envs import EnvBase
 
+from fbrl.agent import make_model
 from fbrl.checkpoint import CHECKPOINT_NAME, save_checkpoint
 from fbrl.config import ConfigError, TrainConfig, config_to_dict, save_config
 from fbrl.envs.engine import load_gfootball
 from fbrl.envs.factory import make_env, make_reward
 from fbrl.evaluate import Evaluation, evaluate
 from fbrl.interrupt import Interrupt, Interrupted
-from fbrl.models.actor_critic import ActorCritic, build_actor_critic
+from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
 from fbrl.transforms import ScoringReward
@@ -153,16 +154,6 @@ def choose_device(name: str) -> torch.device:
     if device.type not in ("cpu", "cuda"):
         raise ConfigError(f"device is {name!r}; it must be auto, cpu, cuda or cuda:1.")
     return device
-
-
-def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
-    """The network that a configuration asks for, with fresh weights."""
-    return build_actor_critic(
-        config.observation,  # type: ignore[arg-type]  # checked against its names
-        hidden_sizes=config.hidden_sizes,
-        activation=config.activation,  # type: ignore[arg-type]
-        device=device,
-    )
 
 
 def make_run_dir(config: TrainConfig) -> Path:
