@@ -2,7 +2,7 @@
 
 SCENARIO ?= academy_3_vs_1_with_keeper
 PRESET ?= light
-FRAMES ?= 500000
+FRAMES ?= 400000
 SEED ?= 0
 # More options for fbrl-train, e.g. ARGS="--num-envs 4 --device cpu"
 ARGS ?=
