@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 # As in fbrl.cli.train: waiting threads must not take the cores from the matches.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -180,8 +181,8 @@ def _play(
 
 
 def _print(results: Sequence[dict[str, Any]], agent: Agent) -> None:
-    table = Table("scenario", "actions")
-    for column in ("matches", "goal difference", "95 % interval", "won/drawn/lost", "steps"):
+    table = Table("scenario", "actions", box=SIMPLE)
+    for column in ("matches", "goal difference, 95 % interval", "won/drawn/lost", "steps"):
         table.add_column(column, justify="right")
     for result in results:
         low, high = result["goal_difference_low"], result["goal_difference_high"]
@@ -189,12 +190,13 @@ def _print(results: Sequence[dict[str, Any]], agent: Agent) -> None:
             result["scenario"],
             "sampled" if result["mode"] == "sample" else "greedy",
             str(result["matches"]),
-            f"{result['goal_difference']:+.3f}",
-            f"{low:+.3f} to {high:+.3f}",
+            f"{result['goal_difference']:+.3f} [{low:+.3f}, {high:+.3f}]",
             f"{result['won']}/{result['drawn']}/{result['lost']}",
             f"{result['length']:.0f}",
         )
+    # Wide enough for whole names, also where the output goes to a file.
     console = Console(highlight=False, markup=False)
+    console.width = max(console.width, 120)
     config = agent.config
     console.print(
         f"{config.reward} reward, preset {config.preset}, seed {config.seed}, trained on "
