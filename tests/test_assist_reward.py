@@ -533,6 +533,8 @@ class TestRelabelling:
         assert AssistDensityReward()(nothing)["next", "reward_end_density"].shape == (*shape, 1)
 
     def test_replay_buffer_of_transitions(self):
+        # Passes are few, so that an unseeded sample may miss them all.
+        torch.manual_seed(0)
         collected = scripted("possession").rollout(60, break_when_any_done=False).reshape(-1)
         buffer = TensorDictReplayBuffer(
             storage=LazyTensorStorage(len(collected)),
@@ -540,13 +542,10 @@ class TestRelabelling:
             batch_size=64,
         )
         buffer.extend(collected)
-        # A sample may miss the few passes, but hardly all the steps with the ball.
-        torch.manual_seed(0)
-        assert collected["next", "reward_end_density"].any()
         for _ in range(2):
             sample = buffer.sample()
             expected = AssistDensityReward(weight=2.0)(collected.clone())[sample["index"]]
-            assert sample["next", "reward_start_density"].any()
+            assert sample["next", "reward_end_density"].any()
             assert (sample["next", "reward"] == expected["next", "reward"]).all()
         stored = buffer.storage[:]
         assert (stored["next", "reward"] == collected["next", "reward"]).all()
