@@ -23,6 +23,9 @@ import gymnasium
 import numpy as np
 
 NUM_ACTIONS = 19
+BUILTIN_AI = NUM_ACTIONS
+"""One more action, which lets the engine's own player decide; gfootball's action set v2 ends so."""
+
 MAX_PLAYERS = 11
 MAX_SEED = 2**32 - 1
 """The engine's seed is a C++ ``unsigned int``."""
@@ -184,6 +187,25 @@ class StepResult:
     truncated: bool
 
 
+@dataclass(frozen=True)
+class MatchState:
+    """Everything that decides how a match goes on.
+
+    Attributes:
+        engine: The engine's own state, its random numbers included; 30 to 80 KB.
+        waiting_steps: Steps since the game stopped, which the forced actions depend on.
+        previous_score_difference: Goals for minus goals against after the last step.
+        previous_game_mode: Its game mode; -1 before the first step.
+        previous_ball_owned_team: The team that had the ball last; -1 if none had.
+    """
+
+    engine: bytes
+    waiting_steps: int
+    previous_score_difference: int
+    previous_game_mode: int
+    previous_ball_owned_team: int
+
+
 class Match:
     """A match in which one player of the left team at a time is controlled.
 
@@ -201,7 +223,7 @@ class Match:
         self.scenario = scenario
         self._gfootball = load_gfootball()
         actions = self._gfootball.action_set
-        self._backend_actions = [a._backend_action for a in actions.action_set_v1]
+        self._backend_actions = [a._backend_action for a in actions.action_set_v2]
         self._sticky_actions = [a._backend_action for a in actions.action_set_v1 if a._sticky]
         self._engine = _acquire_engine(self._gfootball)
         self._release = weakref.finalize(self, _idle_engines.append, self._engine)
@@ -237,16 +259,12 @@ class Match:
         """Plays 100 ms (ten physics steps), and on until the game is in play.
 
         Args:
-            action: Index into gfootball's default action set, in [0, 18].
+            action: Index into gfootball's default action set, in [0, 18], or :data:`BUILTIN_AI`.
 
         Raises:
             RuntimeError: The episode has not begun or has ended.
         """
-        if not self._running:
-            raise RuntimeError(
-                f"The match of {self.scenario!r} is not running: call reset() before the first "
-                "step and after an episode's end."
-            )
+        self._check_running("step()")
         self._engine.perform_action(self._permitted_action(action), True, 0)
         self._step_engine()
         while not self._info.is_in_play:
@@ -270,6 +288,45 @@ class Match:
         truncated = not terminated and info.step >= self._engine.config.game_duration
         self._running = not (terminated or truncated)
         return StepResult(reward, terminated, truncated)
+
+    def get_state(self) -> MatchState:
+        """The state of a running episode.
+
+        Raises:
+            RuntimeError: The episode has not begun or has ended.
+        """
+        self._check_running("get_state()")
+        return MatchState(
+            self._engine.get_state(""),
+            self._engine.waiting_for_game_count,
+            self._previous_score_difference,
+            self._previous_game_mode,
+            self._previous_ball_owned_team,
+        )
+
+    def set_state(self, state: MatchState) -> None:
+        """Goes on from a state; the match then replays exactly, whatever was played since.
+
+        Args:
+            state: Of a match of this scenario.
+
+        Raises:
+            RuntimeError: No episode is running, of which the engine could take the line-ups.
+        """
+        self._check_running("set_state()")
+        self._engine.set_state(state.engine)
+        self._engine.waiting_for_game_count = state.waiting_steps
+        self._previous_score_difference = state.previous_score_difference
+        self._previous_game_mode = state.previous_game_mode
+        self._previous_ball_owned_team = state.previous_ball_owned_team
+        self._read_info()
+
+    def _check_running(self, call: str) -> None:
+        if not self._running:
+            raise RuntimeError(
+                f"The match of {self.scenario!r} is not running: call reset() before the first "
+                f"{call} and after an episode's end."
+            )
 
     def _step_engine(self) -> None:
         self._engine.step()
