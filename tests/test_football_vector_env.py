@@ -12,6 +12,7 @@ from torchrl.envs import GymWrapper
 from torchrl.envs.utils import RandomPolicy, check_env_specs
 
 from fbrl.envs import FootballEnv, FootballVectorEnv
+from fbrl.names import UnknownNameError
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 # The engine counts from -1 at a reset, so that an episode has one step more than its duration.
@@ -205,3 +206,19 @@ def test_bad_arguments_are_named():
     with pytest.raises(RuntimeError, match="call reset"):
         env.step(np.array([0, 0]))
     env.close()
+
+
+def test_action_set_v2_lets_the_engines_own_player_decide():
+    env = FootballVectorEnv("academy_empty_goal_close", 2, action_set="v2")
+    assert env.single_action_space.n == 20
+    env.reset(seed=1)
+    for _ in range(60):
+        _, rewards, terminated, _, _ = env.step(np.array([19, 19]))
+        if terminated.any():
+            break
+    assert rewards.max() == 1
+    with pytest.raises(ValueError, match=r"not all in \[0, 19\]"):
+        env.step(np.array([20, 0]))
+    env.close()
+    with pytest.raises(UnknownNameError, match="v2"):
+        FootballVectorEnv("academy_empty_goal_close", 2, action_set="v3")

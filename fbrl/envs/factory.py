@@ -15,13 +15,14 @@ from torchrl.envs import (
     TransformedEnv,
 )
 
-from fbrl.envs.football import FootballVectorEnv
+from fbrl.envs.football import ActionSet, FootballVectorEnv
 from fbrl.envs.observation import OBSERVATION_SPACE
 from fbrl.names import check_name
 from fbrl.transforms import (
     AssistDensityReward,
     CheckpointReward,
     MiniMapCells,
+    PlayStatistics,
     ScoringReward,
     Simple115,
     SuperMiniMap,
@@ -77,6 +78,7 @@ def make_env(
     reward: str | ScoringReward = "analytics",
     observation: str | Transform = "simple115",
     num_threads: int | None = None,
+    action_set: ActionSet = "default",
     keep_keys: Iterable[str] = (),
     seed: int | None = None,
 ) -> TransformedEnv:
@@ -89,13 +91,15 @@ def make_env(
             such as ``AssistDensityReward(transition="consecutive")``.
         observation: ``"minimap"``, ``"smm"``, ``"simple115"``, or a transform.
         num_threads: Threads that step the matches; one for each available core by default.
+        action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
         keep_keys: Raw observation keys to keep; the others are dropped once the reward and the
             observation are computed, so that a collector neither copies nor stores them.
         seed: Seeds the matches.
 
     Returns:
         An environment on the CPU with batch size (num_envs,) that writes the observation,
-        ``reward`` and its parts, for each of these an ``episode_`` sum, and ``step_count``.
+        ``reward`` and its parts, for each of these an ``episode_`` sum, ``step_count``, and
+        ``play_statistics``.
 
     Raises:
         ValueError: A name, or a key to keep, is unknown.
@@ -108,9 +112,16 @@ def make_env(
     """
     reward_transform = make_reward(reward)
     observation_transform = make_observation(observation)
-    needed = {*reward_transform.in_keys, *observation_transform.in_keys} & set(OBSERVATION_SPACE)
+    play_statistics = PlayStatistics()
+    needed = {
+        *reward_transform.in_keys,
+        *observation_transform.in_keys,
+        *play_statistics.in_keys,
+    } & set(OBSERVATION_SPACE)
     kept = set(keep_keys)
-    matches = FootballVectorEnv(scenario, num_envs, num_threads, observation_keys=needed | kept)
+    matches = FootballVectorEnv(
+        scenario, num_envs, num_threads, observation_keys=needed | kept, action_set=action_set
+    )
     env = GymWrapper(matches, categorical_action_encoding=True, device="cpu")
     sums = ["reward", *reward_transform.part_names]
     env = TransformedEnv(
@@ -118,6 +129,7 @@ def make_env(
         Compose(
             reward_transform,
             observation_transform,
+            play_statistics,
             RewardSum(in_keys=sums, out_keys=[EPISODE_PREFIX + name for name in sums]),
             StepCounter(step_count_key=EPISODE_LENGTH),
             ExcludeTransform(*sorted(needed - kept)),

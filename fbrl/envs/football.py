@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import gymnasium
 import numpy as np
@@ -23,8 +23,14 @@ from fbrl.envs.observation import (
     split_rows,
 )
 from fbrl.envs.scenarios import check_scenario
+from fbrl.names import check_name
 
 Result = TypeVar("Result")
+
+ActionSet = Literal["default", "v2"]
+"""Gfootball's names: 19 actions, or these and :data:`~fbrl.envs.engine.BUILTIN_AI`."""
+
+_ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
 
 # gfootball draws its own seeds from this range: scenario_builder.py.
 _LARGEST_DRAWN_SEED = 2_000_000_000
@@ -143,6 +149,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         num_threads: Threads that step them; by default one for each available core, at most
             ``num_envs``.
         observation_keys: As for :class:`FootballEnv`.
+        action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
 
     Raises:
         ValueError: ``num_envs`` or ``num_threads`` is not positive.
@@ -165,6 +172,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         num_envs: int = 1,
         num_threads: int | None = None,
         observation_keys: Iterable[str] | None = None,
+        action_set: ActionSet = "default",
     ) -> None:
         if num_envs < 1:
             raise ValueError(f"num_envs is {num_envs}; at least 1 match is needed.")
@@ -176,7 +184,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self.autoreset_mode = AutoresetMode.DISABLED
         self.single_observation_space: spaces.Dict = select_space(observation_keys)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.single_action_space = spaces.Discrete(NUM_ACTIONS)
+        num_actions = _ACTIONS_IN_SET[check_name("action_set", action_set, _ACTIONS_IN_SET)]
+        self.single_action_space = spaces.Discrete(num_actions)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._matches = [Match(scenario) for _ in range(num_envs)]
         self._rows = empty_rows(num_envs)
@@ -218,7 +227,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """Plays one step in every match.
 
         Args:
-            actions: Integers in [0, 18], shape (num_envs,).
+            actions: Integers in [0, 18] (19 with action set v2), shape (num_envs,).
 
         Raises:
             ValueError: The actions have another shape, dtype or range.
@@ -311,6 +320,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
                 f"Actions have shape {actions.shape} and dtype {actions.dtype}; they must be "
                 f"integers of shape ({self.num_envs},)."
             )
-        if actions.min() < 0 or actions.max() >= NUM_ACTIONS:
-            raise ValueError(f"Actions {actions.tolist()} are not all in [0, {NUM_ACTIONS - 1}].")
+        largest = int(self.single_action_space.n) - 1
+        if actions.min() < 0 or actions.max() > largest:
+            raise ValueError(f"Actions {actions.tolist()} are not all in [0, {largest}].")
         return actions

@@ -3,13 +3,16 @@
 from fbrl.transforms.assist_reward import AssistDensityReward
 from fbrl.transforms.checkpoint_reward import CheckpointReward
 from fbrl.transforms.minimap import MiniMapCells, SuperMiniMap
+from fbrl.transforms.play_statistics import PLAY_STATISTICS, PlayStatistics
 from fbrl.transforms.scoring_reward import ScoringReward
 from fbrl.transforms.simple115 import Simple115
 
 __all__ = [
+    "PLAY_STATISTICS",
     "AssistDensityReward",
     "CheckpointReward",
     "MiniMapCells",
+    "PlayStatistics",
     "ScoringReward",
     "Simple115",
     "SuperMiniMap",

@@ -20,13 +20,21 @@ FIELD_SHAPES: dict[str, tuple[int, ...]] = {
     "right_team_roles": (11,),
     "active": (),
     "ball_owned_team": (),
+    "ball_owned_player": (),
     "game_mode": (),
 }
 """Shape of each raw field of one match, after the batch dimensions."""
 
 _FLOATS = (torch.float32, torch.float64)
 _INTEGERS = (torch.int64, torch.int32, torch.int16, torch.int8)
-_INTEGER_FIELDS = {"left_team_roles", "right_team_roles", "active", "ball_owned_team", "game_mode"}
+_INTEGER_FIELDS = {
+    "left_team_roles",
+    "right_team_roles",
+    "active",
+    "ball_owned_team",
+    "ball_owned_player",
+    "game_mode",
+}
 
 
 def read_fields(
