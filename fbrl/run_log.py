@@ -1,0 +1,212 @@
+"""What a run has logged, read back: its configuration, its metrics and its evaluations."""
+
+from __future__ import annotations
+
+import csv
+import functools
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fbrl.config import ConfigError, TrainConfig, config_from_dict
+from fbrl.names import UnknownNameError, check_name
+
+FRAMES = "frames"
+GOAL_DIFFERENCE = "match/goal_difference"
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+class RunLogError(ValueError):
+    """Raised for a directory that holds no run, or a run whose files are empty or damaged."""
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """The log of a training.
+
+    Attributes:
+        run_dir: Where it was read from.
+        config: What was trained, and how.
+    """
+
+    run_dir: Path
+    config: TrainConfig
+
+    @functools.cached_property
+    def metrics(self) -> Columns:
+        """Each column of ``metrics.csv`` as float64 of shape (iterations,).
+
+        ``frames`` rises strictly; the other names are those of :mod:`fbrl.monitor`. What was not
+        logged in an iteration is NaN, as the results of matches are before the first has ended.
+
+        Raises:
+            RunLogError: The file is missing, damaged, or has no iteration yet.
+        """
+        path = self.run_dir / "metrics.csv"
+        columns = _read_columns(path)
+        frames = columns[FRAMES]
+        if not len(frames):
+            raise RunLogError(f"{path} has no iteration yet.")
+        falls = np.flatnonzero(np.diff(frames) <= 0)
+        if len(falls):
+            before, after = frames[falls[0]], frames[falls[0] + 1]
+            raise RunLogError(
+                f"{path} is damaged: after {before:.0f} frames come {after:.0f}, where they can "
+                "only rise."
+            )
+        return columns
+
+    @functools.cached_property
+    def evaluations(self) -> Columns:
+        """Each column of ``evaluations.csv`` as float64 of shape (evaluations,).
+
+        ``frames`` and the names ``evaluation/...`` of :mod:`fbrl.monitor`, the oldest first. Empty
+        if nothing was evaluated.
+
+        Raises:
+            RunLogError: The file is damaged.
+        """
+        path = self.run_dir / "evaluations.csv"
+        return _read_columns(path) if path.exists() else {}
+
+    @property
+    def frames(self) -> NDArray[np.float64]:
+        """Frames learned from at the end of each iteration, shape (iterations,)."""
+        return self.metrics[FRAMES]
+
+    def metric(self, name: str) -> NDArray[np.float64]:
+        """A column of the metrics.
+
+        Args:
+            name: Such as ``match/goal_difference``.
+
+        Raises:
+            UnknownNameError: It was not logged; the message has the nearest name.
+        """
+        try:
+            return self.metrics[check_name("metric", name, self.metrics)]
+        except UnknownNameError as error:
+            raise UnknownNameError(f"{self.run_dir}: {error}") from error
+
+
+def read_run_log(run_dir: Path) -> RunLog:
+    """The log of a run; its tables are read when they are first asked for.
+
+    Args:
+        run_dir: The directory that ``fbrl-train`` made.
+
+    Raises:
+        RunLogError: There is no run, or its configuration is damaged.
+    """
+    path = run_dir / "config.json"
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(values, dict):
+            raise RunLogError(f"{path} is no configuration of a training.")
+        return RunLog(run_dir, config_from_dict(values))
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise RunLogError(
+            f"There is no run at {run_dir}: it has no config.json. Give the directory that "
+            "fbrl-train made."
+        ) from error
+    except OSError as error:
+        raise RunLogError(f"{path} cannot be read ({error.strerror}).") from error
+    except (ConfigError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise RunLogError(f"{path} is damaged, or of another version of fbrl: {error}") from error
+
+
+def frames_until(
+    frames: ArrayLike, values: ArrayLike, threshold: float, tolerance: float = 0.0
+) -> int | None:
+    """Frames until a threshold is reached and kept: how fast a training converges.
+
+    The smallest logged number of frames at which the value is at least ``threshold`` and after
+    which no value that was logged is below ``threshold - tolerance``, up to the end of the log.
+    NaN, as before the first match, is below every threshold.
+
+    With tolerance 0 one low value near the end moves the result there, however long the threshold
+    had been held. The goal difference is a mean over 100 matches: where a match ends with at most
+    one goal its standard error is up to 0.05, so that a level 0.1 above the threshold still falls
+    below it now and then. Twice that, 0.1, forgives the noise and sees a collapse.
+
+    Args:
+        frames: Frames at each entry of the log, rising, shape (iterations,).
+        values: What was logged there, usually ``match/goal_difference``, shape (iterations,).
+        threshold: What is to be reached.
+        tolerance: How far values may fall below it afterwards, at least 0.
+
+    Returns:
+        The number of frames, or None if the threshold was not reached or not kept.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    lost = np.flatnonzero(~(values >= threshold - tolerance))
+    first = lost[-1] + 1 if len(lost) else 0
+    reached = np.flatnonzero(values[first:] >= threshold)
+    return int(np.asarray(frames)[first + reached[0]]) if len(reached) else None
+
+
+def paper_goal_difference(log: RunLog, frames: int) -> float | None:
+    """The goal difference as the environment's paper reports it (Kurach et al. 2020).
+
+    That is the mean over the last 100 training episodes before a number of steps; here of the
+    last matches that had ended at the last iteration at or before that number. The matches were
+    played with sampled actions by policies that were still changing. Where fewer than 100 had
+    ended (see ``match/count``) it is their mean.
+
+    Args:
+        log: The run's log.
+        frames: Number of steps, such as 1_000_000.
+
+    Returns:
+        The mean, or None if the log ends before that number or no match had ended.
+
+    Raises:
+        UnknownNameError: The log has no goal difference.
+    """
+    values = log.metric(GOAL_DIFFERENCE)
+    before = np.flatnonzero(log.frames <= frames)
+    if log.frames[-1] < frames or not len(before) or np.isnan(values[before[-1]]):
+        return None
+    return float(values[before[-1]])
+
+
+def _read_columns(path: Path) -> Columns:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise RunLogError(f"{path} is missing, so the run has logged nothing.") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunLogError(f"{path} cannot be read ({error}).") from error
+    if not text.strip():
+        raise RunLogError(f"{path} is empty: no iteration has been logged yet.")
+    lines = text.splitlines()
+    try:
+        header, *rows = csv.reader(lines)
+    except csv.Error as error:
+        raise RunLogError(f"{path} is damaged: {error}.") from error
+    if FRAMES not in header:
+        raise RunLogError(f"{path} is damaged: its first line has no column {FRAMES}.")
+    whole = text.endswith("\n")
+    for number, row in enumerate(rows, start=2):
+        if len(row) != len(header) or (number == len(lines) and not whole):
+            raise RunLogError(
+                f"{path} is damaged: line {number} is cut off or too long ({len(row)} values in "
+                f"{len(header)} columns). Without that line the rest can be used."
+            )
+    return {name: _numbers(path, name, column) for name, *column in zip(header, *rows, strict=True)}
+
+
+def _numbers(path: Path, name: str, column: list[str]) -> NDArray[np.float64]:
+    numbers = np.full(len(column), np.nan)
+    for index, value in enumerate(column):
+        try:
+            numbers[index] = float(value) if value else np.nan
+        except ValueError as error:
+            raise RunLogError(
+                f"{path} is damaged: line {index + 2} has {value!r} as {name}, which is no number."
+            ) from error
+    return numbers
