@@ -1,10 +1,10 @@
-"""Fresh matches of a policy, and the goal difference with its interval."""
+"""Fresh matches of a policy: goals, possession, passes, shots and rewards, with intervals."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,33 +14,52 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
+from fbrl.transforms import PLAY_STATISTICS
 
 CONFIDENCE = 0.95
+
+Policy = Callable[[TensorDictBase], TensorDictBase]
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Results of single matches.
+    """Figures of single matches, and their means with intervals.
 
     Attributes:
-        goal_differences: Goals for minus goals against of each match, shape (episodes,).
-        lengths: Steps of each match, shape (episodes,).
+        matches: An array of shape (episodes,) for each figure: ``goal_difference``,
+            ``goals_for``, ``goals_against``, ``length`` (steps), ``possession_share`` (of the steps
+            after which somebody had the ball; NaN where nobody ever had), ``passes``, ``shots``,
+            ``reward`` and each of its parts (sums over the match), such as ``reward_scoring``.
     """
 
-    goal_differences: np.ndarray
-    lengths: np.ndarray
+    matches: Mapping[str, np.ndarray]
 
     @property
-    def goal_difference(self) -> float:
-        """The mean over the matches."""
-        return float(self.goal_differences.mean())
+    def goal_differences(self) -> np.ndarray:
+        """Goals for minus goals against of each match, shape (episodes,)."""
+        return self.matches["goal_difference"]
 
-    @functools.cached_property
-    def interval(self) -> tuple[float, float]:
+    @property
+    def lengths(self) -> np.ndarray:
+        """Steps of each match, shape (episodes,)."""
+        return self.matches["length"]
+
+    @property
+    def results(self) -> tuple[int, int, int]:
+        """How many matches were won, drawn and lost."""
+        goals = self.goal_differences
+        return int((goals > 0).sum()), int((goals == 0).sum()), int((goals < 0).sum())
+
+    def mean(self, figure: str) -> float:
+        """The mean over the matches that have the figure; NaN if none has."""
+        values = self._values(figure)
+        return float(values.mean()) if len(values) else math.nan
+
+    def mean_interval(self, figure: str) -> tuple[float, float]:
         """Bounds of the mean's 95 % interval: percentile bootstrap, the same at each call."""
-        values = self.goal_differences
+        values = self._values(figure)
         if len(values) < 2 or values.min() == values.max():
-            return self.goal_difference, self.goal_difference
+            return self.mean(figure), self.mean(figure)
         result = stats.bootstrap(
             (values,),
             np.mean,
@@ -53,6 +72,20 @@ class Evaluation:
         )
         return float(result.confidence_interval.low), float(result.confidence_interval.high)
 
+    @property
+    def goal_difference(self) -> float:
+        """The mean over the matches."""
+        return self.mean("goal_difference")
+
+    @functools.cached_property
+    def interval(self) -> tuple[float, float]:
+        """Bounds of the 95 % interval of the mean goal difference."""
+        return self.mean_interval("goal_difference")
+
+    def _values(self, figure: str) -> np.ndarray:
+        values = self.matches[figure]
+        return values[~np.isnan(values)]
+
     def __str__(self) -> str:
         low, high = self.interval
         return (
@@ -61,10 +94,9 @@ class Evaluation:
         )
 
 
-@torch.no_grad()
 def evaluate(
     env: EnvBase,
-    policy: Callable[[TensorDictBase], TensorDictBase],
+    policy: Policy,
     episodes: int,
     *,
     greedy: bool = False,
@@ -73,34 +105,73 @@ def evaluate(
 ) -> Evaluation:
     """Plays matches to their end.
 
-    Every place of the vectorised environment plays the same number of matches (an even number,
-    so that either side kicks off equally often): taking the first that end would favour short
-    ones.
-
     Args:
         env: A vectorised environment of :func:`fbrl.envs.make_env`, seeded by the caller.
         policy: Reads the observation and writes ``action``.
-        episodes: How many matches at least; rounded up to a multiple of 2 * num_envs.
+        episodes: How many matches at least, see :func:`play_matches`.
         greedy: Take the most probable action instead of sampling.
         device: Where the policy runs.
         on_progress: Called with the number of matches finished so far.
     """
+    sums = [key for key in env.reward_keys if isinstance(key, str)]
+    figures: list[dict[str, float]] = []
+    for following, counted in play_matches(env, policy, episodes, greedy=greedy, device=device):
+        ended = following.get("done").squeeze(-1) & counted
+        figures += [_figures(following[index], sums) for index in ended.nonzero().squeeze(-1)]
+        if on_progress is not None:
+            on_progress(len(figures))
+    return Evaluation({name: np.array([match[name] for match in figures]) for name in figures[0]})
+
+
+@torch.no_grad()
+def play_matches(
+    env: EnvBase,
+    policy: Policy,
+    episodes: int,
+    *,
+    greedy: bool = False,
+    device: torch.device | str = "cpu",
+) -> Iterator[tuple[TensorDictBase, torch.Tensor]]:
+    """Plays until every place of the environment has finished its share of the matches.
+
+    Every place plays the same number of matches: taking the first that end would favour short
+    ones. It is an even number, so that either side kicks off equally often.
+
+    Args:
+        env: A vectorised environment of :func:`fbrl.envs.make_env`.
+        policy: Reads the observation and writes ``action``.
+        episodes: How many matches at least; rounded up to a multiple of 2 * num_envs.
+        greedy: Take the most probable action instead of sampling.
+        device: Where the policy runs.
+
+    Yields:
+        What each step led to, of shape (num_envs,), and which places were still playing a match of
+        their share, boolean of shape (num_envs,).
+    """
     num_envs = env.batch_size[0]
-    quota = 2 * math.ceil(episodes / (2 * num_envs))
-    finished: list[list[tuple[float, int]]] = [[] for _ in range(num_envs)]
+    left = torch.full((num_envs,), 2 * math.ceil(episodes / (2 * num_envs)))
     exploration = ExplorationType.DETERMINISTIC if greedy else ExplorationType.RANDOM
-    with set_exploration_type(exploration):
-        state = env.reset()
-        while any(len(matches) < quota for matches in finished):
+    state = env.reset()
+    while (left > 0).any():
+        with set_exploration_type(exploration):
             state = policy(state.to(device)).to(env.device)
-            step, state = env.step_and_maybe_reset(state)
-            following = step.get("next")
-            for index in following.get("done").squeeze(-1).nonzero().squeeze(-1).tolist():
-                match = following[index]
-                goals = match.get(EPISODE_PREFIX + "reward_scoring").item()
-                if len(finished[index]) < quota:
-                    finished[index].append((goals, match.get(EPISODE_LENGTH).item()))
-            if on_progress is not None:
-                on_progress(sum(len(matches) for matches in finished))
-    results = np.array([match for matches in finished for match in matches])
-    return Evaluation(results[:, 0], results[:, 1].astype(int))
+        step, state = env.step_and_maybe_reset(state)
+        following, counted = step.get("next"), left > 0
+        yield following, counted
+        left -= (following.get("done").squeeze(-1) & counted).long()
+
+
+def _figures(match: TensorDictBase, reward_keys: list[str]) -> dict[str, float]:
+    totals = match.get("play_statistics").tolist()
+    play = dict(zip(PLAY_STATISTICS, totals, strict=True))
+    with_ball = play["possession"] + play["opponent_possession"]
+    return {
+        "goal_difference": play["goals_for"] - play["goals_against"],
+        "goals_for": play["goals_for"],
+        "goals_against": play["goals_against"],
+        "length": match.get(EPISODE_LENGTH).item(),
+        "possession_share": play["possession"] / with_ball if with_ball else math.nan,
+        "passes": play["passes"],
+        "shots": play["shots"],
+        **{key: match.get(EPISODE_PREFIX + key).item() for key in reward_keys},
+    }

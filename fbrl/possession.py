@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import os
 from collections.abc import Callable
@@ -10,16 +11,15 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torchrl.envs import ExplorationType, set_exploration_type
 
 from fbrl.agent import load_agent
 from fbrl.envs import make_env
+from fbrl.evaluate import play_matches
 from fbrl.transforms.shaped_reward import in_control
 
 _KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
 
 
-@torch.no_grad()
 def ball_positions(
     run: Path,
     matches: int,
@@ -32,7 +32,7 @@ def ball_positions(
 
     Args:
         run: the directory of a run, or a checkpoint.
-        matches: how many matches at least; every match that is begun is finished.
+        matches: how many matches at least, see :func:`fbrl.evaluate.play_matches`.
         seed: seeds the matches and the sampled actions.
         num_envs: matches at a time.
         on_progress: called with the number of matches finished so far.
@@ -45,43 +45,28 @@ def ball_positions(
         CheckpointError: there is no checkpoint of fbrl.
         EngineNotInstalledError: gfootball is missing.
     """
-    with torch.random.fork_rng(devices=[]), set_exploration_type(ExplorationType.RANDOM):
-        torch.manual_seed(seed)
-        return _play(run, matches, seed, num_envs, on_progress or (lambda finished: None))
-
-
-def _play(
-    run: Path, matches: int, seed: int, num_envs: int, on_progress: Callable[[int], None]
-) -> NDArray[np.float64]:
-    agent = load_agent(run)
-    policy = agent.model.get_collection_policy()
-    num_envs = min(num_envs, matches)
-    env = make_env(
-        agent.config.scenario,
-        num_envs=num_envs,
-        reward="scoring",
-        observation=agent.config.observation,
-        keep_keys=_KEYS,
-        seed=seed,
-    )
-    # The same number in every place: taking the first that end would favour short matches.
-    left = torch.full((num_envs,), -(-matches // num_envs))
     positions: list[torch.Tensor] = []
     finished = 0
-    try:
-        state = env.reset()
-        while (left > 0).any():
-            step, state = env.step_and_maybe_reset(policy(state))
-            following = step["next"]
-            counted = left > 0
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(torch.random.fork_rng(devices=[]))
+        agent = load_agent(run)
+        env = make_env(
+            agent.config.scenario,
+            num_envs=min(num_envs, matches),
+            reward="scoring",
+            observation=agent.config.observation,
+            keep_keys=_KEYS,
+            seed=seed,
+        )
+        stack.callback(env.close)
+        torch.manual_seed(seed)
+        policy = agent.model.get_collection_policy()
+        for following, counted in play_matches(env, policy, matches):
             wanted = in_control({key: following[key] for key in _KEYS}) & counted
             positions.append(following["ball"][wanted, :2])
-            done = following["done"].squeeze(-1) & counted
-            left -= done.long()
-            finished += int(done.sum())
-            on_progress(finished)
-    finally:
-        env.close()
+            finished += int((following["done"].squeeze(-1) & counted).sum())
+            if on_progress is not None:
+                on_progress(finished)
     return torch.cat(positions).double().numpy()
 
 

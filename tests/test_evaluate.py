@@ -8,8 +8,9 @@ import torch
 from torchrl.modules.tensordict_module.exploration import RandomPolicy
 
 from fbrl.envs import make_env
-from fbrl.evaluate import Evaluation, evaluate
+from fbrl.evaluate import Evaluation, evaluate, play_matches
 from fbrl.models.actor_critic import build_actor_critic
+from fbrl.policies import make_policy
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 
@@ -19,14 +20,14 @@ def test_the_interval_covers_the_mean_as_often_as_it_says():
     covered = 0
     for _ in range(200):
         goals = rng.choice([-1, 0, 1], p=[0.1, 0.6, 0.3], size=100)
-        low, high = Evaluation(goals, np.ones(100)).interval
+        low, high = Evaluation({"goal_difference": goals}).interval
         covered += low <= 0.2 <= high
     assert 180 <= covered <= 199
 
 
 def test_the_interval_is_that_of_the_normal_approximation_where_that_holds():
     goals = np.repeat([0.0, 1.0], [120, 280])
-    evaluation = Evaluation(goals, np.ones(400))
+    evaluation = Evaluation({"goal_difference": goals})
     low, high = evaluation.interval
     error = 1.96 * goals.std(ddof=1) / 20
     assert evaluation.goal_difference == pytest.approx(0.7)
@@ -37,7 +38,20 @@ def test_the_interval_is_that_of_the_normal_approximation_where_that_holds():
 
 
 def test_equal_results_have_an_interval_of_no_width():
-    assert Evaluation(np.ones(10), np.ones(10)).interval == (1.0, 1.0)
+    assert Evaluation({"goal_difference": np.ones(10)}).interval == (1.0, 1.0)
+
+
+def test_matches_without_a_figure_are_left_out_of_its_mean():
+    evaluation = Evaluation({"possession_share": np.array([0.25, np.nan, 0.75])})
+    assert evaluation.mean("possession_share") == 0.5
+    low, high = evaluation.mean_interval("possession_share")
+    assert 0.25 <= low < 0.5 < high <= 0.75
+    assert np.isnan(Evaluation({"possession_share": np.array([np.nan])}).mean("possession_share"))
+
+
+def test_won_drawn_and_lost_are_counted():
+    goals = np.array([3.0, 1.0, 0.0, -2.0, -1.0, -1.0])
+    assert Evaluation({"goal_difference": goals}).results == (2, 1, 3)
 
 
 def play(seed, episodes=10, num_envs=3, greedy=False):
@@ -89,3 +103,34 @@ def test_goals_are_counted_whatever_the_reward():
     env.close()
     assert result.goal_differences.tolist() == [1.0] * 4
     assert result.goal_difference == 1.0
+    assert result.matches["goals_for"].tolist() == result.matches["shots"].tolist() == [1.0] * 4
+    assert not result.matches["goals_against"].any()
+    parts = [
+        result.matches[f"reward_{name}"] for name in ("scoring", "start_density", "end_density")
+    ]
+    assert parts[0].tolist() == [1.0] * 4
+    np.testing.assert_allclose(result.matches["reward"], sum(parts), rtol=1e-6)
+
+
+def test_figures_of_a_match_are_its_own_and_whole():
+    raw = ("ball_owned_team",)
+    env = make_env(SCENARIO, num_envs=2, reward="scoring", keep_keys=raw, seed=3)
+    policy = make_policy("random")
+    torch.manual_seed(0)
+    owned = {0: [[0, 0]], 1: [[0, 0]]}
+    shares = []
+    for following, counted in play_matches(env, policy, 6):
+        for place in counted.nonzero().squeeze(-1).tolist():
+            team = following["ball_owned_team"][place].item()
+            if team >= 0:
+                owned[place][-1][team] += 1
+            if following["done"][place].item():
+                ours, theirs = owned[place][-1]
+                shares.append(ours / (ours + theirs) if ours + theirs else np.nan)
+                owned[place].append([0, 0])
+    env.set_seed(3)
+    torch.manual_seed(0)
+    result = evaluate(env, policy, 6)
+    env.close()
+    assert [len(matches) - 1 for matches in owned.values()] == [4, 4]
+    np.testing.assert_allclose(result.matches["possession_share"], shares)

@@ -184,8 +184,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self.autoreset_mode = AutoresetMode.DISABLED
         self.single_observation_space: spaces.Dict = select_space(observation_keys)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        num_actions = _ACTIONS_IN_SET[check_name("action_set", action_set, _ACTIONS_IN_SET)]
-        self.single_action_space = spaces.Discrete(num_actions)
+        self._num_actions = _ACTIONS_IN_SET[check_name("action_set", action_set, _ACTIONS_IN_SET)]
+        self.single_action_space = spaces.Discrete(self._num_actions)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._matches = [Match(scenario) for _ in range(num_envs)]
         self._rows = empty_rows(num_envs)
@@ -320,7 +320,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
                 f"Actions have shape {actions.shape} and dtype {actions.dtype}; they must be "
                 f"integers of shape ({self.num_envs},)."
             )
-        largest = int(self.single_action_space.n) - 1
+        largest = self._num_actions - 1
         if actions.min() < 0 or actions.max() > largest:
             raise ValueError(f"Actions {actions.tolist()} are not all in [0, {largest}].")
         return actions

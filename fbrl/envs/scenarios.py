@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,6 +83,33 @@ SCENARIOS: dict[str, Scenario] = {
 }
 
 
+SCENARIO_GROUPS: dict[str, tuple[str, ...]] = {
+    "all-academy": tuple(name for name in SCENARIOS if name.startswith("academy_")),
+    "thesis": (
+        "academy_pass_and_shoot_with_keeper",
+        "academy_3_vs_1_with_keeper",
+        "academy_counterattack_easy",
+        "academy_counterattack_hard",
+        "11_vs_11_easy_stochastic",
+    ),
+}
+"""Names for several scenarios at once, for evaluations and plots."""
+
+
+def expand_scenarios(names: Iterable[str]) -> list[str]:
+    """The scenarios of a list of scenarios and groups, each once, in order.
+
+    Raises:
+        UnknownNameError: There is no scenario or group of a name.
+    """
+    scenarios = [
+        scenario
+        for name in names
+        for scenario in SCENARIO_GROUPS.get(name) or (_check_scenario_or_group(name),)
+    ]
+    return list(dict.fromkeys(scenarios))
+
+
 def check_scenario(name: str) -> str:
     """Returns the name of an existing scenario, one of :data:`SCENARIOS` or the user's own.
 
@@ -94,6 +122,12 @@ def check_scenario(name: str) -> str:
     if name in SCENARIOS or _is_own_scenario(name):
         return name
     return check_name("scenario", name, SCENARIOS)
+
+
+def _check_scenario_or_group(name: str) -> str:
+    if name in SCENARIOS or _is_own_scenario(name):
+        return name
+    return check_name("scenario", name, [*SCENARIOS, *SCENARIO_GROUPS])
 
 
 def _is_own_scenario(name: str) -> bool:

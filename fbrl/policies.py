@@ -1,0 +1,80 @@
+"""Policies without a network, to compare agents with."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+
+from fbrl.envs.engine import BUILTIN_AI, NUM_ACTIONS
+from fbrl.envs.football import ActionSet
+from fbrl.names import check_name
+
+POLICIES = ("random", "idle", "builtin-ai")
+"""What :func:`make_policy` knows."""
+
+_IDLE = 0
+
+
+class RandomPolicy(TensorDictModuleBase):
+    """Takes each of gfootball's 19 actions equally often, from PyTorch's global generator.
+
+    Attributes:
+        action_set: The action set that the environment needs.
+    """
+
+    action_set: ActionSet = "default"
+    in_keys: list[str] = []  # noqa: RUF012 (the base class's type)
+    out_keys = ["action"]  # noqa: RUF012
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Adds ``action``, int64 of the batch's shape."""
+        action = torch.randint(NUM_ACTIONS, tensordict.batch_size, device=tensordict.device)
+        return tensordict.set("action", action)
+
+
+class ConstantPolicy(TensorDictModuleBase):
+    """Always takes the same action.
+
+    Args:
+        action: In [0, 19]; 19 lets the engine's own player decide.
+
+    Attributes:
+        action_set: The action set that the environment needs.
+    """
+
+    in_keys: list[str] = []  # noqa: RUF012 (the base class's type)
+    out_keys = ["action"]  # noqa: RUF012
+
+    def __init__(self, action: int) -> None:
+        super().__init__()
+        self.action = action
+        self.action_set: ActionSet = "v2" if action == BUILTIN_AI else "default"
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Adds ``action``, int64 of the batch's shape."""
+        shape, device = tensordict.batch_size, tensordict.device
+        return tensordict.set("action", torch.full(shape, self.action, device=device))
+
+
+def make_policy(name: str) -> RandomPolicy | ConstantPolicy:
+    """A policy from its name.
+
+    Args:
+        name: ``"random"``, ``"idle"`` (no action, what was held is kept up) or ``"builtin-ai"``
+            (the engine's own player).
+
+    Raises:
+        UnknownNameError: There is none of this name.
+
+    Examples:
+        >>> from fbrl.envs import make_env
+        >>> policy = make_policy("builtin-ai")
+        >>> env = make_env("academy_empty_goal", num_envs=2, action_set=policy.action_set, seed=0)
+        >>> env.rollout(3, policy)["action"].unique()
+        tensor([19])
+    """
+    check_name("policy", name, POLICIES)
+    if name == "random":
+        return RandomPolicy()
+    return ConstantPolicy(_IDLE if name == "idle" else BUILTIN_AI)
