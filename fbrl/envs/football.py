@@ -191,6 +191,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._rows = empty_rows(num_envs)
         self._np_randoms = [seeding.np_random()[0] for _ in range(num_envs)]
         self._episode_numbers = [FIRST_EPISODE - 1] * num_envs
+        self._engine_seeds = [0] * num_envs
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
         self._pool = ThreadPoolExecutor(max(1, self.num_threads - 1), "match")
 
@@ -220,6 +221,11 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
         info["engine_seed"][chosen] = engine_seeds
         return split_rows(self._rows, self.single_observation_space), info
+
+    @property
+    def episodes(self) -> list[tuple[int, int]]:
+        """Engine seed and number of each match's episode, which decide all but the actions."""
+        return list(zip(self._engine_seeds, self._episode_numbers, strict=True))
 
     def step(
         self, actions: np.ndarray
@@ -273,6 +279,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
     def _reset_match(self, index: int, engine_seed: int) -> None:
         match = self._matches[index]
+        self._engine_seeds[index] = engine_seed
         match.reset(engine_seed, self._episode_numbers[index])
         pad_players(self._rows[index])
         match.read(self._rows[index])

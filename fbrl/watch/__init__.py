@@ -1,0 +1,1 @@
+"""Matches to look at: recorded while they are played, drawn from above or by the engine."""

@@ -1,0 +1,209 @@
+"""What is written around the pitch: score and clock, the action held, the reward's parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fbrl.watch.canvas import Colour, arrow, circle, rectangle, text
+from fbrl.watch.recording import MatchRecording
+
+ACTION_NAMES = (
+    "idle",
+    "left",
+    "top left",
+    "top",
+    "top right",
+    "right",
+    "bottom right",
+    "bottom",
+    "bottom left",
+    "long pass",
+    "high pass",
+    "short pass",
+    "shot",
+    "sprint",
+    "release direction",
+    "release sprint",
+    "sliding",
+    "dribble",
+    "release dribble",
+    "built-in AI",
+)
+"""gfootball's actions by their index, the engine's own player last."""
+
+GAME_MODES = ("", "kick-off", "goal kick", "free kick", "corner", "throw-in", "penalty")
+"""Names of ``game_mode``; normal play needs none."""
+
+SECONDS_PER_STEP = 0.1
+
+_TEXT: Colour = (232, 237, 242)
+_FAINT: Colour = (132, 143, 155)
+_DARK: Colour = (38, 45, 53)
+_LANE: Colour = (33, 39, 46)
+_LEFT: Colour = (74, 140, 255)
+_RIGHT: Colour = (240, 84, 84)
+_HIGHLIGHT: Colour = (255, 235, 59)
+_NEGATIVE: Colour = (240, 84, 84)
+
+_PART_COLOURS: dict[str, Colour] = {
+    "reward_scoring": (94, 214, 130),
+    "reward_start_density": (255, 194, 51),
+    "reward_end_density": (233, 79, 208),
+}
+_OTHER_PART: Colour = (96, 190, 240)
+
+# Unit vectors of the eight directions in the order of the sticky actions, y downwards.
+_DIRECTIONS = np.array(
+    [(-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1)], float
+)
+_DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
+
+
+class Header:
+    """Scenario, score, and clock, across the top.
+
+    Args:
+        width: Pixels.
+        height: Likewise.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self._width, self._height = width, height
+
+    def draw_names(self, frame: np.ndarray, recording: MatchRecording) -> None:
+        """Draws what stays the same through a match."""
+        middle, size = self._height / 2, 0.32 * self._height
+        text(frame, (0.35 * self._height, middle), recording.scenario, size, _FAINT)
+        for side, colour in ((-1, _LEFT), (1, _RIGHT)):
+            centre = (self._width / 2 + side * 1.35 * self._height, middle)
+            circle(frame, centre, 0.16 * self._height, colour)
+
+    def draw(self, frame: np.ndarray, recording: MatchRecording, index: int) -> None:
+        """Draws the score and the clock of a state."""
+        left, right = recording.observations["score"][index].tolist()
+        middle = self._height / 2
+        size = 0.52 * self._height
+        text(frame, (self._width / 2, middle), f"{left} : {right}", size, _TEXT, anchor="mm",
+             bold=True)  # fmt: skip
+        seconds = index * SECONDS_PER_STEP
+        clock = f"{int(seconds // 60)}:{seconds % 60:04.1f}"
+        edge = self._width - 0.35 * self._height
+        text(frame, (edge, middle), clock, 0.4 * self._height, _TEXT, anchor="rm", bold=True)
+        mode = GAME_MODES[int(recording.observations["game_mode"][index])]
+        if mode:
+            text(frame, (edge - 2.2 * self._height, middle), mode, 0.32 * self._height, _HIGHLIGHT,
+                 anchor="rm")  # fmt: skip
+
+
+class ActionPanel:
+    """The action that led to a state, and what is held: direction, sprint, dribble.
+
+    Args:
+        corner: Upper left one, column and row.
+        unit: Scale; 1 for frames 960 pixels wide.
+    """
+
+    def __init__(self, corner: tuple[int, int], unit: float) -> None:
+        self._corner, self._unit = corner, unit
+
+    def draw(self, frame: np.ndarray, recording: MatchRecording, index: int) -> None:
+        """Draws the panel of a state."""
+        unit = self._unit
+        left, top = self._corner[0] + 18 * unit, self._corner[1]
+        name = ACTION_NAMES[recording.actions[index - 1]] if index else ""
+        text(frame, (left, top + 22 * unit), "ACTION", 11 * unit, _FAINT, bold=True)
+        text(frame, (left, top + 43 * unit), name, 18 * unit, _TEXT, bold=True)
+        held = recording.observations["sticky_actions"][index]
+        centre = (left + 24 * unit, top + 90 * unit)
+        circle(frame, centre, 24 * unit, _DARK)
+        for direction in _DIRECTIONS[held[:8] == 1]:
+            tail, tip = (np.array(centre) + sign * 16 * unit * direction for sign in (-1, 1))
+            arrow(frame, tail, tip, _HIGHLIGHT, max(1, round(3 * unit)))
+        for row, (word, flag) in enumerate((("sprint", held[8]), ("dribble", held[9]))):
+            height = top + (78 + 25 * row) * unit
+            circle(frame, (left + 68 * unit, height), 5 * unit, _HIGHLIGHT if flag else _DARK)
+            colour = _TEXT if flag else _FAINT
+            text(frame, (left + 81 * unit, height), word, 13 * unit, colour)
+
+
+class RewardStrip:
+    """A lane for each part of the reward, which fills up as the match goes on.
+
+    Args:
+        recording: The match.
+        box: Left, top, right and bottom, pixels.
+        unit: Scale; 1 for frames 960 pixels wide.
+    """
+
+    def __init__(
+        self, recording: MatchRecording, box: tuple[int, int, int, int], unit: float
+    ) -> None:
+        left, top, right, bottom = box
+        self._unit = unit
+        self._steps = recording.num_steps
+        self._names = list(recording.rewards)
+        self._sums = [
+            np.concatenate([[0.0], np.cumsum(part, dtype=np.float64)])
+            for part in recording.rewards.values()
+        ]
+        self._label_left, self._value_right = left, round(right - 18 * unit)
+        self._chart_left = left + round(132 * unit)
+        self._chart_width = max(1, self._value_right - round(78 * unit) - self._chart_left)
+        pad = round(12 * unit)
+        self._height = (bottom - top - 2 * pad) // len(self._names)
+        self._tops = [top + pad + row * self._height for row in range(len(self._names))]
+        gap = max(1, round(4 * unit))
+        self._charts = [
+            self._chart(part, self._height - gap, _part_colour(name))
+            for name, part in recording.rewards.items()
+        ]
+
+    def _chart(self, part: np.ndarray, height: int, colour: Colour) -> np.ndarray:
+        """The whole lane, uint8 (height, chart width, 3), scaled to its highest bar."""
+        chart = np.full((height, self._chart_width, 3), _LANE, np.uint8)
+        highest = float(np.abs(part).max())
+        has_loss = bool((part < 0).any())
+        zero = height // 2 if has_loss else height - 1
+        reach = max(1, zero - 1)
+        chart[zero] = _DARK
+        if highest == 0:
+            return chart
+        for step in np.flatnonzero(part).tolist():
+            first = self._column(step)
+            last = max(self._column(step + 1), first + max(1, round(2 * self._unit)))
+            length = max(1, round(abs(float(part[step])) / highest * reach))
+            rows = slice(zero - length, zero) if part[step] > 0 else slice(zero + 1, zero + length)
+            chart[rows, first:last] = colour if part[step] > 0 else _NEGATIVE
+        return chart
+
+    def _column(self, step: int) -> int:
+        return step * self._chart_width // self._steps
+
+    def draw_empty(self, frame: np.ndarray) -> None:
+        """Draws what stays the same through a match: names and empty lanes."""
+        for name, top, chart in zip(self._names, self._tops, self._charts, strict=True):
+            middle = top + chart.shape[0] / 2
+            words = name.removeprefix("reward_").replace("_", " ")
+            size = 13 * self._unit
+            text(frame, (self._label_left, middle), words, size, _part_colour(name))
+            rectangle(frame, (self._chart_left, top), (self._chart_width, chart.shape[0]), _LANE)
+
+    def draw(self, frame: np.ndarray, index: int) -> None:
+        """Draws the lanes up to a state, and each part's sum so far."""
+        now = self._column(index)
+        for top, chart, sums in zip(self._tops, self._charts, self._sums, strict=True):
+            height = chart.shape[0]
+            lane = frame[top : top + height, self._chart_left :]
+            lane[:, :now] = chart[:, :now]
+            lane[:, max(0, now - 1) : now] = _FAINT
+            middle = top + height / 2
+            text(frame, (self._value_right, middle), _amount(sums[index]), 13 * self._unit, _TEXT,
+                 anchor="rm")  # fmt: skip
+
+
+def _part_colour(name: str) -> Colour:
+    return _PART_COLOURS.get(name, _OTHER_PART)
+
+
+def _amount(value: float) -> str:
+    return f"{value:+.3f}" if value else "0"

@@ -1,0 +1,77 @@
+"""Video files, opened again."""
+
+from __future__ import annotations
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+from fbrl.watch.video import write_video
+
+COLOURS = [(210, 40, 40), (40, 190, 60), (50, 60, 220)]
+
+
+def coloured_frames(count=9, shape=(90, 122)):
+    """Frames of one colour with a white square that moves to the right."""
+    for index in range(count):
+        frame = np.full((*shape, 3), COLOURS[index % 3], np.uint8)
+        frame[40:50, 10 * index : 10 * index + 10] = 255
+        yield frame
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [("match.mp4", 24), ("MATCH.GIF", 6)])
+def test_a_video_holds_the_frames_that_were_written(tmp_path, name, tolerance):
+    assert write_video(tmp_path / name, coloured_frames()) == 9
+    frames = iio.imread(tmp_path / name)
+    assert frames.shape == (9, 90, 122, 3)
+    for index, (frame, expected) in enumerate(zip(frames, coloured_frames(), strict=True)):
+        for row, column in ((5, 5), (85, 117), (45, 10 * index + 5)):
+            difference = frame[row, column].astype(int) - expected[row, column]
+            assert np.abs(difference).max() <= tolerance, (index, row, column)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_an_mp4_is_what_browsers_play(tmp_path):
+    write_video(tmp_path / "match.mp4", coloured_frames(), fps=25)
+    metadata = iio.immeta(tmp_path / "match.mp4", plugin="FFMPEG")
+    assert metadata["codec"] == "h264"
+    assert metadata["pix_fmt"].startswith("yuv420p")
+    assert metadata["fps"] == 25
+    assert metadata["size"] == (122, 90)
+    content = (tmp_path / "match.mp4").read_bytes()
+    assert content.index(b"moov") < content.index(b"mdat"), "plays before it is downloaded"
+
+
+def test_a_gif_is_repeated_at_its_speed(tmp_path):
+    write_video(tmp_path / "match.gif", coloured_frames(), fps=20)
+    metadata = iio.immeta(tmp_path / "match.gif")
+    assert (metadata["loop"], metadata["duration"]) == (0, 50)
+
+
+@pytest.mark.parametrize("name", ["match.mp4", "match.gif"])
+@pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])
+def test_a_failure_leaves_the_older_file_and_nothing_else(tmp_path, name, failure):
+    def frames():
+        yield from coloured_frames(4)
+        raise failure("in the middle")
+
+    (tmp_path / name).write_text("older")
+    with pytest.raises(failure, match="in the middle"):
+        write_video(tmp_path / name, frames())
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "older"
+
+
+def test_what_can_be_no_video_is_refused(tmp_path):
+    (tmp_path / "folder.mp4").mkdir()
+    odd = [np.zeros((10, 10, 3), np.uint8), np.zeros((12, 10, 3), np.uint8)]
+    for name, frames, message in (
+        ("match.avi", coloured_frames(), "must end in .mp4 or .gif"),
+        ("nowhere/match.mp4", coloured_frames(), "no directory"),
+        ("folder.mp4", coloured_frames(), "is a directory"),
+        ("empty.mp4", [], "no frames"),
+        ("sizes.mp4", odd, r"Frame 1 is of shape \(12, 10, 3\)"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            write_video(tmp_path / name, frames)
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.mp4"]
