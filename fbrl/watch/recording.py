@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from tensordict import TensorDictBase
 from torchrl.envs import (
     EnvBase,
     ExplorationType,
@@ -18,6 +17,7 @@ from torchrl.envs import (
 )
 
 from fbrl.envs.factory import make_env, make_reward
+from fbrl.evaluate import Policy
 from fbrl.transforms import ScoringReward
 
 RECORDED_KEYS = (
@@ -76,9 +76,6 @@ class MatchRecording:
         return left, right
 
 
-Policy = Callable[[TensorDictBase], TensorDictBase]
-
-
 def record_matches(
     policy: Policy,
     scenario: str,
@@ -97,7 +94,8 @@ def record_matches(
     matches may be recorded in the middle of a training.
 
     Args:
-        policy: Reads the observation and writes ``action``.
+        policy: Reads the observation and writes ``action``; an agent's, or one of
+            :func:`fbrl.policies.make_policy`, whose ``action_set`` is heeded.
         scenario: A name in :data:`fbrl.envs.SCENARIOS`.
         observation: Of the policy, as for :func:`fbrl.envs.make_env`.
         reward: Whose parts are recorded, likewise.
@@ -129,6 +127,7 @@ def record_matches(
         num_threads=1,
         reward=reward,
         observation=observation,
+        action_set=getattr(policy, "action_set", "default"),
         keep_keys=RECORDED_KEYS,
         seed=seed,
     )
