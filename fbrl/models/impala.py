@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
+from typing import cast
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import nn
 
+from fbrl.models.cell_convolution import convolve_and_pool_cells
 from fbrl.transforms.minimap_grid import (
     CELLS_PER_FRAME,
     SMM_HEIGHT,
@@ -29,8 +32,8 @@ class ImpalaCNN(nn.Module):
     biases of zero.
 
     The input is either minimap cells (int16, ``(*batch, num_frames, 24)``), which are drawn as
-    planes on the device of the network, or dense planes (uint8, ``(*batch, 4 * num_frames, 72,
-    96)``). The output is the same for both.
+    planes on a GPU and convolved without them on a CPU, or dense planes (uint8, ``(*batch,
+    4 * num_frames, 72, 96)``). The output is the same for both.
 
     Args:
         num_frames: how many frames are stacked in the input.
@@ -68,20 +71,31 @@ class ImpalaCNN(nn.Module):
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Maps cells or planes of any batch shape to ``(*batch, num_features)``."""
-        planes, batch = self._planes(observation)
-        features = F.relu(self.stages(planes), inplace=True).flatten(1)
+        first, *others = cast("Iterable[_Stage]", self.stages)
+        pooled, batch = self._convolve_and_pool(first.conv, observation)
+        features = first.residual(pooled)
+        for stage in others:
+            features = stage(features)
+        features = F.relu(features, inplace=True).flatten(1)
         return F.relu(self.linear(features), inplace=True).view(*batch, self.num_features)
 
-    def _planes(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Size]:
-        shape, dtype = observation.shape, self.linear.weight.dtype
+    def _convolve_and_pool(
+        self, conv: nn.Conv2d, observation: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Size]:
+        """The first convolution and pooling, and the batch shape of the observation."""
+        shape, dtype = observation.shape, conv.weight.dtype
         cell_shape = (self.num_frames, CELLS_PER_FRAME)
         plane_shape = (self.num_frames * len(SMM_LAYERS), SMM_HEIGHT, SMM_WIDTH)
         if observation.dtype == torch.int16 and shape[-2:] == cell_shape:
             cells = observation.reshape(-1, *cell_shape)
-            return cells_to_planes(cells, dtype, channels_last=True), shape[:-2]
+            if cells.device.type == "cpu" and conv.bias is not None:
+                return convolve_and_pool_cells(cells, conv.weight, conv.bias), shape[:-2]
+            planes = cells_to_planes(cells, dtype, channels_last=True)
+            return max_pool_same(conv(planes)), shape[:-2]
         if observation.dtype == torch.uint8 and shape[-3:] == plane_shape:
             planes = observation.reshape(-1, *plane_shape)
-            return planes.to(dtype, memory_format=torch.channels_last).div_(255), shape[:-3]
+            planes = planes.to(dtype, memory_format=torch.channels_last).div_(255)
+            return max_pool_same(conv(planes)), shape[:-3]
         raise ValueError(
             f"ImpalaCNN with num_frames={self.num_frames}: the observation is {observation.dtype} "
             f"of shape {tuple(shape)}, but must be torch.int16 cells of shape (*batch, "
@@ -98,7 +112,9 @@ class _Stage(nn.Module):
         self.residual_2 = _ResidualBlock(num_out, device)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        x = max_pool_same(self.conv(x))
+        return self.residual(max_pool_same(self.conv(x)))
+
+    def residual(self, x: torch.Tensor) -> torch.Tensor:
         return self.residual_2(self.residual_1(x))
 
 

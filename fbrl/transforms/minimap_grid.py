@@ -14,6 +14,7 @@ __all__ = [
     "SMM_LAYERS",
     "SMM_WIDTH",
     "cells_to_planes",
+    "channels_of_cells",
     "frame_cells",
 ]
 
@@ -95,7 +96,7 @@ def cells_to_planes(
     size = batch.numel() * channels * NUM_CELLS
     flat_cells = cells.reshape(-1, frames, CELLS_PER_FRAME)
     sample = torch.arange(batch.numel(), device=cells.device)[:, None, None]
-    channel = _channels_of_cells(frames, cells.device)
+    channel = channels_of_cells(frames, cells.device)
     if channels_last:
         index = (sample * NUM_CELLS + flat_cells) * channels + channel
     else:
@@ -123,6 +124,7 @@ def _grid(device: torch.device) -> tuple[torch.Tensor, ...]:
 
 
 @lru_cache
-def _channels_of_cells(frames: int, device: torch.device) -> torch.Tensor:
+def channels_of_cells(frames: int, device: torch.device) -> torch.Tensor:
+    """The channel of :func:`cells_to_planes` that each cell is drawn in, shape (frames, 24)."""
     layers = torch.tensor(_LAYER_OF_CELL, device=device)
     return torch.arange(frames, device=device)[:, None] * len(SMM_LAYERS) + layers
