@@ -9,7 +9,8 @@
 # NO_APT=1 leaves the system's packages alone. XDG_CACHE_HOME moves the cache of compiled engines.
 #
 # setup.sh --check only says by its exit status whether this clone is set up; setup.sh --engine-key
-# only prints the key under which the compiled engine is cached.
+# only prints the key under which the compiled engine is cached; setup.sh --default-engine only makes
+# build/default-engine, gfootball as pip compiles it by default, which a benchmark compares with.
 set -euo pipefail
 # A ROS or conda shell sets these, and would put its own modules before the environment's.
 unset PYTHONPATH PYTHONHOME
@@ -74,7 +75,17 @@ case ${1:-} in
     engine_key "$PYTHON_FOUND"
     exit 0
     ;;
-  *) die "unknown argument $1" "scripts/setup.sh with no argument, --check or --engine-key" ;;
+  --default-engine)
+    mkdir -p "$LOG_DIR"
+    install_system_packages "$LOG_DIR"
+    find_python
+    make_default_engine "$PYTHON_FOUND" "$LOG_DIR" "$ROOT/build/default-engine"
+    exit 0
+    ;;
+  *)
+    die "unknown argument $1" \
+      "scripts/setup.sh with no argument, --check, --engine-key or --default-engine"
+    ;;
 esac
 
 if [[ $(uname -s) != Linux ]]; then

@@ -65,6 +65,28 @@ ensure_engine_wheel() {
   exec 9>&-
 }
 
+# make_default_engine PYTHON LOG_DIR TARGET: gfootball with the engine as pip compiles it when it is
+# told nothing, for comparisons. With TARGET first on PYTHONPATH it takes the installed one's place.
+make_default_engine() {
+  local python=$1 log_dir=$2 target=$3 key staging
+  local ENGINE_CXXFLAGS="" ENGINE_LDFLAGS=""
+  key=$(engine_key "$python")
+  if [[ $(cat "$target/.engine" 2>/dev/null) == "$key" ]]; then
+    say "Default engine: already in $target"
+    return
+  fi
+  ensure_engine_wheel "$python" "$log_dir"
+  mkdir -p "$(dirname "$target")"
+  staging=$(mktemp -d "$target.XXXXXX")
+  CLEANUP+=("$staging")
+  "$python" -m zipfile -e "$ENGINE_WHEEL" "$staging"
+  printf '%s\n' "$key" >"$staging/.engine"
+  chmod 755 "$staging"
+  rm -rf "$target"
+  mv -T "$staging" "$target"
+  say "Default engine: in $target; PYTHONPATH=$target takes it"
+}
+
 require_build_packages() {
   local package program missing=()
   for package in ${NOT_INSTALLED[@]+"${NOT_INSTALLED[@]}"}; do
