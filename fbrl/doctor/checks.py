@@ -122,7 +122,7 @@ def _debian_package(library: str) -> str | None:
 
 def check_engine() -> str:
     """Whether the engine can be imported."""
-    from fbrl.envs.engine import load_gfootball
+    from fbrl.envs.gfootball_import import load_gfootball
 
     load_gfootball()
     return f"gfootball {importlib.metadata.version('gfootball')}"

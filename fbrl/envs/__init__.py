@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fbrl.envs.engine import EngineNotInstalledError
 from fbrl.envs.football import FootballEnv, FootballVectorEnv
+from fbrl.envs.gfootball_import import EngineNotInstalledError
 from fbrl.envs.observation import OBSERVATION_SPACE
 from fbrl.envs.scenarios import SCENARIOS, Scenario
 from fbrl.names import UnknownNameError

@@ -1,144 +1,39 @@
 """One match of the gfootball engine: raw numbers in, raw numbers out.
 
-The only module that imports gfootball. It drives ``gfootball_engine.GameEnv`` directly and
-repeats the rules of gfootball's ``env/football_env_core.py`` (forced actions while the game
-waits, the ends of an episode, the score reward), so that a match here agrees step for step
-with one played through gfootball's own Python environment.
+Drives ``gfootball_engine.GameEnv`` directly and repeats the rules of gfootball's
+``env/football_env_core.py`` (forced actions while the game waits, the ends of an episode, the
+score reward), so that a match here agrees step for step with one played through gfootball's own
+Python environment.
 """
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import importlib
-import sys
 import threading
-import types
 import weakref
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium
 import numpy as np
+
+from fbrl.envs.gfootball_import import GFootball, load_gfootball
+from fbrl.envs.match_row import WHOLE_ROW, RowLayout
 
 NUM_ACTIONS = 19
 BUILTIN_AI = NUM_ACTIONS
 """One more action, which lets the engine's own player decide; gfootball's action set v2 ends so."""
 
-MAX_PLAYERS = 11
 MAX_SEED = 2**32 - 1
 """The engine's seed is a C++ ``unsigned int``."""
 
 FIRST_EPISODE = 2
 """Number of an environment's first episode, as in gfootball; left kicks off in even ones."""
 
-PADDING = -1
-"""Fills positions, directions and roles of the players that a small-sided scenario lacks."""
-
-PLAYER_FIELDS = {
-    "position": 2,
-    "direction": 2,
-    "tired_factor": 1,
-    "yellow_card": 1,
-    "active": 1,
-    "role": 1,
-}
-"""How many numbers each property of a player takes in a row, in their order."""
-
-MATCH_FIELDS = {
-    "ball": 3,
-    "ball_direction": 3,
-    "ball_rotation": 3,
-    "active": 1,
-    "designated": 1,
-    "ball_owned_team": 1,
-    "ball_owned_player": 1,
-    "game_mode": 1,
-    "score": 2,
-    "steps_left": 1,
-    "sticky_actions": 10,
-}
-"""The same for the properties of the match, which follow the players of both teams."""
-
-_TEAM_LENGTH = MAX_PLAYERS * sum(PLAYER_FIELDS.values())
-ROW_LENGTH = 2 * _TEAM_LENGTH + sum(MATCH_FIELDS.values())
+ROW_LENGTH = WHOLE_ROW.length
+"""Numbers of a match with all its keys."""
 
 # gfootball restarts a match for a player who makes it wait: football_env_core.py, step().
 _WAITING_STEPS_BEFORE_FORCED_PASS = 20
 _WAITING_STEPS_BEFORE_TURNING_BACK = 30
-
-_INSTALL_REMEDY = (
-    "Run `make setup` in a clone of fbrl, which builds it with everything that it needs; "
-    "`fbrl-doctor` checks the result."
-)
-
-
-class EngineNotInstalledError(ImportError):
-    """Raised where a match is asked for and gfootball can't be imported."""
-
-
-@dataclass(frozen=True)
-class GFootball:
-    """The parts of gfootball in use: its compiled engine and three of its Python modules."""
-
-    engine: types.ModuleType
-    config: types.ModuleType
-    scenario_builder: types.ModuleType
-    action_set: types.ModuleType
-
-
-def _gym_stand_in() -> dict[str, types.ModuleType]:
-    """Modules that gfootball finds under the name of gym, which is neither needed nor wanted."""
-    gym = types.ModuleType("gym")
-    for name in ("Env", "Wrapper", "ObservationWrapper", "RewardWrapper", "spaces"):
-        setattr(gym, name, getattr(gymnasium, name))
-    envs = types.ModuleType("gym.envs")
-    registration = types.ModuleType("gym.envs.registration")
-    # gfootball would otherwise put ids that can't be made into Gymnasium's registry.
-    vars(registration)["register"] = lambda **_: None
-    vars(gym)["envs"], vars(envs)["registration"] = envs, registration
-    return {
-        "gym": gym,
-        "gym.spaces": gymnasium.spaces,
-        "gym.envs": envs,
-        "gym.envs.registration": registration,
-    }
-
-
-@contextlib.contextmanager
-def _modules_replaced(replacements: Mapping[str, types.ModuleType]) -> Iterator[None]:
-    before = {name: sys.modules.get(name) for name in replacements}
-    sys.modules.update(replacements)
-    try:
-        yield
-    finally:
-        for name, module in before.items():
-            if module is None:
-                del sys.modules[name]
-            else:
-                sys.modules[name] = module
-
-
-@functools.cache
-def load_gfootball() -> GFootball:
-    """Imports gfootball without gym: no banner, nothing registered, no pygame window.
-
-    Raises:
-        EngineNotInstalledError: gfootball, or something that it imports, is missing.
-    """
-    try:
-        with _modules_replaced(_gym_stand_in()):
-            return GFootball(
-                engine=importlib.import_module("gfootball_engine"),
-                config=importlib.import_module("gfootball.env.config"),
-                scenario_builder=importlib.import_module("gfootball.env.scenario_builder"),
-                action_set=importlib.import_module("gfootball.env.football_action_set"),
-            )
-    except ImportError as error:
-        raise EngineNotInstalledError(
-            f"The football engine can't be imported ({error}). {_INSTALL_REMEDY}"
-        ) from error
 
 
 def build_scenario(scenario: str, seed: int, episode_number: int) -> Any:
@@ -250,6 +145,11 @@ class Match:
         self._previous_ball_owned_team = -1
         self._engine.state = self._gfootball.engine.GameState.game_running
         self._engine.reset(build_scenario(self.scenario, seed, episode_number), False)
+        config = self._engine.config
+        self._ends_on_score = config.end_episode_on_score
+        self._ends_on_out_of_play = config.end_episode_on_out_of_play
+        self._ends_on_possession_change = config.end_episode_on_possession_change
+        self._duration = config.game_duration
         self._read_info()
         while not self._info.is_in_play:
             self._step_engine()
@@ -285,7 +185,7 @@ class Match:
         else:
             self._engine.waiting_for_game_count += 1
 
-        truncated = not terminated and info.step >= self._engine.config.game_duration
+        truncated = not terminated and info.step >= self._duration
         self._running = not (terminated or truncated)
         return StepResult(reward, terminated, truncated)
 
@@ -355,68 +255,27 @@ class Match:
         return actions.idle
 
     def _episode_ended_by_rule(self, game_mode: int) -> bool:
-        info, config = self._info, self._engine.config
-        if config.end_episode_on_score and (info.left_goals > 0 or info.right_goals > 0):
+        info = self._info
+        if self._ends_on_score and (info.left_goals > 0 or info.right_goals > 0):
             return True
         if (
-            config.end_episode_on_out_of_play
+            self._ends_on_out_of_play
             and game_mode != self._normal_mode
             and self._previous_game_mode == self._normal_mode
         ):
             return True
         return (
-            config.end_episode_on_possession_change
+            self._ends_on_possession_change
             and info.ball_owned_team != -1
             and self._previous_ball_owned_team != -1
             and info.ball_owned_team != self._previous_ball_owned_team
         )
 
-    def read(self, row: np.ndarray) -> None:
+    def read(self, row: np.ndarray, layout: RowLayout = WHOLE_ROW) -> None:
         """Writes the state of the match into a row that the caller owns.
 
         Args:
-            row: float64 array of :data:`ROW_LENGTH` numbers: :data:`MAX_PLAYERS` blocks of
-                :data:`PLAYER_FIELDS` for each team, then :data:`MATCH_FIELDS`. The blocks of
-                players that the scenario lacks are not written.
+            row: Array of ``layout.length`` numbers.
+            layout: What to read, and where in the row to write it.
         """
-        info, engine = self._info, self._engine
-        left_players, designated = _read_team(info.left_team)
-        right_players, _ = _read_team(info.right_team)
-        row[: len(left_players)] = left_players
-        row[_TEAM_LENGTH : _TEAM_LENGTH + len(right_players)] = right_players
-        ball, direction, rotation = info.ball_position, info.ball_direction, info.ball_rotation
-        row[2 * _TEAM_LENGTH :] = [
-            *(ball[0], ball[1], ball[2]),
-            *(direction[0], direction[1], direction[2]),
-            *(rotation[0], rotation[1], rotation[2]),
-            info.left_controllers[0].controlled_player,
-            designated,
-            info.ball_owned_team,
-            info.ball_owned_player,
-            int(info.game_mode),
-            info.left_goals,
-            info.right_goals,
-            engine.config.game_duration - info.step,
-            *(engine.sticky_action_state(action, True, 0) for action in self._sticky_actions),
-        ]
-
-
-def _read_team(players: Any) -> tuple[list[float], int]:
-    """The players' fields one after the other, and the index of the designated player or -1."""
-    values: list[float] = []
-    designated = -1
-    for index, player in enumerate(players):
-        position, direction = player.position, player.direction
-        values += (
-            position[0],
-            position[1],
-            direction[0],
-            direction[1],
-            player.tired_factor,
-            player.has_card,
-            player.is_active,
-            player.role,
-        )
-        if player.designated_player:
-            designated = index
-    return values, designated
+        layout.read(row, self._engine, self._info, self._sticky_actions, self._duration)

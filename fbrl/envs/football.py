@@ -15,13 +15,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from fbrl.envs.engine import FIRST_EPISODE, MAX_SEED, NUM_ACTIONS, Match
-from fbrl.envs.observation import (
-    Observation,
-    empty_rows,
-    pad_players,
-    select_space,
-    split_rows,
-)
+from fbrl.envs.match_row import RowLayout
+from fbrl.envs.observation import Observation, select_space
 from fbrl.envs.scenarios import check_scenario
 from fbrl.names import check_name
 
@@ -84,7 +79,8 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         self.observation_space: spaces.Dict = select_space(observation_keys)
         self.action_space = spaces.Discrete(NUM_ACTIONS)
         self._match = Match(scenario)
-        self._rows = empty_rows(1)
+        self._layout = RowLayout(self.observation_space)
+        self._row = self._layout.rows(1)[0]
         self._episode_number = FIRST_EPISODE - 1
 
     def reset(
@@ -107,7 +103,6 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         else:
             self._episode_number = FIRST_EPISODE
         self._match.reset(engine_seed, self._episode_number)
-        pad_players(self._rows)
         return self._observe(), {"engine_seed": engine_seed}
 
     def step(
@@ -128,8 +123,8 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         return self._observe(), float(result.reward), result.terminated, result.truncated, {}
 
     def _observe(self) -> Observation:
-        self._match.read(self._rows[0])
-        return split_rows(self._rows[0], self.observation_space)
+        self._match.read(self._row, self._layout)
+        return self._layout.split(self._row)
 
     def close(self) -> None:
         """Hands the engine on to the next match of this process."""
@@ -188,7 +183,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self.single_action_space = spaces.Discrete(self._num_actions)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._matches = [Match(scenario) for _ in range(num_envs)]
-        self._rows = empty_rows(num_envs)
+        self._layout = RowLayout(self.single_observation_space)
+        self._rows = self._layout.rows(num_envs)
         self._np_randoms = [seeding.np_random()[0] for _ in range(num_envs)]
         self._episode_numbers = [FIRST_EPISODE - 1] * num_envs
         self._engine_seeds = [0] * num_envs
@@ -220,7 +216,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._in_threads(self._reset_match, chosen, engine_seeds)
         info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
         info["engine_seed"][chosen] = engine_seeds
-        return split_rows(self._rows, self.single_observation_space), info
+        return self._layout.split(self._rows), info
 
     @property
     def episodes(self) -> list[tuple[int, int]]:
@@ -242,7 +238,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         actions = self._check_actions(actions)
         results = self._in_threads(self._step_match, range(self.num_envs), actions.tolist())
         return (
-            split_rows(self._rows, self.single_observation_space),
+            self._layout.split(self._rows),
             np.array([result.reward for result in results], np.float32),
             np.array([result.terminated for result in results]),
             np.array([result.truncated for result in results]),
@@ -281,13 +277,12 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         match = self._matches[index]
         self._engine_seeds[index] = engine_seed
         match.reset(engine_seed, self._episode_numbers[index])
-        pad_players(self._rows[index])
-        match.read(self._rows[index])
+        match.read(self._rows[index], self._layout)
 
     def _step_match(self, index: int, action: int) -> Any:
         match = self._matches[index]
         result = match.step(action)
-        match.read(self._rows[index])
+        match.read(self._rows[index], self._layout)
         return result
 
     def _next_episode(self, index: int, seed: int | None) -> int:

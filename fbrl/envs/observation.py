@@ -1,4 +1,4 @@
-"""What a football environment observes: keys, shapes, dtypes, and how they are read from a match.
+"""What a football environment observes: keys, shapes, dtypes, and what they mean.
 
 ===============================  ========  =====  ==================================================
 key                              shape     dtype  meaning
@@ -34,62 +34,48 @@ player exists exactly where the role is not -1.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from fbrl.envs.engine import MATCH_FIELDS, MAX_PLAYERS, PADDING, PLAYER_FIELDS, ROW_LENGTH
+from fbrl.envs.match_row import FIELDS, MAX_PLAYERS, PADDING
 
 Observation = dict[str, Any]
 """An array for each key; not ``np.ndarray`` in the type because Gymnasium's ``Dict`` says so."""
 
-_PLAYER_KEYS = {
-    "position": "{team}",
-    "direction": "{team}_direction",
-    "tired_factor": "{team}_tired_factor",
-    "yellow_card": "{team}_yellow_card",
-    "active": "{team}_active",
-    "role": "{team}_roles",
-}
-_FIELDS_PER_PLAYER = sum(PLAYER_FIELDS.values())
 
-
-def _unbounded(*shape: int) -> spaces.Box:
-    return spaces.Box(-np.inf, np.inf, shape, np.float32)
-
-
-def _integer(low: int, high: int, *shape: int) -> spaces.Box:
-    return spaces.Box(low, high, shape, np.int64)
+def _box(key: str, low: float = -np.inf, high: float = np.inf) -> spaces.Box:
+    return spaces.Box(low, high, FIELDS[key].shape, FIELDS[key].dtype)
 
 
 def _team_space(team: str) -> dict[str, spaces.Space]:
     return {
-        team: _unbounded(MAX_PLAYERS, 2),
-        f"{team}_direction": _unbounded(MAX_PLAYERS, 2),
-        f"{team}_tired_factor": spaces.Box(0.0, 1.0, (MAX_PLAYERS,), np.float32),
-        f"{team}_yellow_card": spaces.Box(0, 1, (MAX_PLAYERS,), np.int8),
-        f"{team}_active": spaces.Box(0, 1, (MAX_PLAYERS,), np.int8),
-        f"{team}_roles": _integer(PADDING, 9, MAX_PLAYERS),
+        team: _box(team),
+        f"{team}_direction": _box(f"{team}_direction"),
+        f"{team}_tired_factor": _box(f"{team}_tired_factor", 0.0, 1.0),
+        f"{team}_yellow_card": _box(f"{team}_yellow_card", 0, 1),
+        f"{team}_active": _box(f"{team}_active", 0, 1),
+        f"{team}_roles": _box(f"{team}_roles", PADDING, 9),
     }
 
 
 OBSERVATION_SPACE = spaces.Dict(
     {
-        "ball": _unbounded(3),
-        "ball_direction": _unbounded(3),
-        "ball_rotation": _unbounded(3),
+        "ball": _box("ball"),
+        "ball_direction": _box("ball_direction"),
+        "ball_rotation": _box("ball_rotation"),
         **_team_space("left_team"),
         **_team_space("right_team"),
-        "active": _integer(-1, MAX_PLAYERS - 1),
-        "designated": _integer(-1, MAX_PLAYERS - 1),
-        "ball_owned_team": _integer(-1, 1),
-        "ball_owned_player": _integer(-1, MAX_PLAYERS - 1),
-        "game_mode": _integer(0, 6),
-        "score": _integer(0, 1000, 2),
-        "steps_left": _integer(0, 10_000),
-        "sticky_actions": spaces.Box(0, 1, (10,), np.int8),
+        "active": _box("active", -1, MAX_PLAYERS - 1),
+        "designated": _box("designated", -1, MAX_PLAYERS - 1),
+        "ball_owned_team": _box("ball_owned_team", -1, 1),
+        "ball_owned_player": _box("ball_owned_player", -1, MAX_PLAYERS - 1),
+        "game_mode": _box("game_mode", 0, 6),
+        "score": _box("score", 0, 1000),
+        "steps_left": _box("steps_left", 0, 10_000),
+        "sticky_actions": _box("sticky_actions", 0, 1),
     }
 )
 """The whole observation of one match."""
@@ -110,59 +96,3 @@ def select_space(keys: Iterable[str] | None) -> spaces.Dict:
             f"Unknown observation keys {sorted(unknown)}; there are {list(OBSERVATION_SPACE)}."
         )
     return spaces.Dict({key: space for key, space in OBSERVATION_SPACE.items() if key in wanted})
-
-
-def empty_rows(num_matches: int) -> np.ndarray:
-    """Rows for :meth:`fbrl.envs.engine.Match.read`, shape (num_matches, ROW_LENGTH), padded."""
-    rows = np.zeros((num_matches, ROW_LENGTH))
-    pad_players(rows)
-    return rows
-
-
-def pad_players(rows: np.ndarray) -> None:
-    """Marks all players of the rows as missing; a match then writes over those that it has."""
-    players = rows[..., : 2 * MAX_PLAYERS * _FIELDS_PER_PLAYER]
-    players = players.reshape(*rows.shape[:-1], 2 * MAX_PLAYERS, _FIELDS_PER_PLAYER)
-    column = 0
-    for field, width in PLAYER_FIELDS.items():
-        padded = field in ("position", "direction", "role")
-        players[..., column : column + width] = PADDING if padded else 0
-        column += width
-
-
-def _columns() -> dict[str, np.ndarray]:
-    """For each key the columns of a row that hold it, in the key's own shape."""
-    columns = {}
-    first = 0
-    players = np.arange(MAX_PLAYERS) * _FIELDS_PER_PLAYER
-    for team in ("left_team", "right_team"):
-        offset = first
-        for field, width in PLAYER_FIELDS.items():
-            key = _PLAYER_KEYS[field].format(team=team)
-            columns[key] = offset + players[:, None] + np.arange(width)
-            offset += width
-        first += MAX_PLAYERS * _FIELDS_PER_PLAYER
-    for key, width in MATCH_FIELDS.items():
-        columns[key] = first + np.arange(width)
-        first += width
-    return {key: columns[key].reshape(OBSERVATION_SPACE[key].shape) for key in OBSERVATION_SPACE}
-
-
-_COLUMNS = _columns()
-
-
-def split_rows(rows: np.ndarray, space: Mapping[str, spaces.Space]) -> Observation:
-    """Copies rows into one array per key, so that the rows may be written again.
-
-    Args:
-        rows: float64, shape (..., ROW_LENGTH). The engine's floats are single precision, so the
-            conversion to float32 loses nothing.
-        space: The wanted keys, as :func:`select_space` returns them.
-
-    Returns:
-        For each key an array of shape (..., *shape of the key) with the key's dtype.
-    """
-    return {
-        key: np.asarray(rows[..., _COLUMNS[key]], dtype=key_space.dtype)
-        for key, key_space in space.items()
-    }

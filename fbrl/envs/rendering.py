@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fbrl.envs.engine import FIRST_EPISODE, build_scenario, load_gfootball
+from fbrl.envs.engine import FIRST_EPISODE, build_scenario
+from fbrl.envs.gfootball_import import load_gfootball
 from fbrl.envs.scenarios import check_scenario
 
 
