@@ -9,13 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fbrl.cli.density_common import (
-    add_command,
-    add_density,
-    check_outputs,
-    console,
-    print_counts,
-)
+from fbrl.cli.commands import add_command, check_outputs, console
+from fbrl.cli.density_common import add_density, print_counts
 from fbrl.cli.density_options import add_fit_options, add_pass_options, pass_filter
 from fbrl.cli.density_plot import add_plot
 from fbrl.cli.density_source import read_passes

@@ -8,13 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from fbrl.cli.density_common import (
-    add_command,
-    add_density,
-    check_outputs,
-    console,
-    print_counts,
-)
+from fbrl.cli.commands import add_command, check_outputs, console
+from fbrl.cli.density_common import add_density, print_counts
 from fbrl.cli.density_options import add_pass_options, pass_filter
 from fbrl.cli.density_source import read_passes
 
@@ -133,14 +128,14 @@ def _plot_agent(options: argparse.Namespace) -> None:
 
 
 def _check_figures(options: argparse.Namespace) -> None:
-    from fbrl.density.figures import check_figure_path
+    from fbrl.figures.files import check_figure_path
 
     check_outputs(*map(check_figure_path, options.out))
 
 
 def _save(options: argparse.Namespace, figure: Figure) -> None:
-    from fbrl.density.figures import save_figure
+    from fbrl.figures.files import save_figure
 
+    save_figure(figure, *options.out)
     for path in options.out:
-        save_figure(figure, path)
         console().print(f"Written to {path}")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FORMATS = (".png", ".svg")
-_DOTS_PER_INCH = 160
 _COLOURS = "viridis"
 _LINES = "#f2f2f2"
 _CELL_METRES = 2.0
@@ -95,45 +91,6 @@ def agent_figure(positions: ArrayLike, density: AssistDensity, title: str) -> Fi
     _paint(figure, axes[2], density.end, "Paid for receiving a pass")
     _sign(axes[-1], _credit(density))
     return figure
-
-
-def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Writes a picture, as PNG or SVG by the name's ending; in one piece or not at all.
-
-    Raises:
-        ValueError: if the name has another ending.
-        OSError: if the file cannot be written.
-    """
-    import matplotlib
-
-    path = check_figure_path(path)
-    temporary = path.with_name(path.name + ".partial")
-    kind = path.suffix.lower()
-    try:
-        # The same picture is the same file, whenever it is made.
-        with matplotlib.rc_context({"svg.hashsalt": "fbrl", "svg.fonttype": "none"}):
-            figure.savefig(
-                temporary,
-                format=kind[1:],
-                dpi=_DOTS_PER_INCH,
-                bbox_inches="tight",
-                metadata={"Date": None} if kind == ".svg" else None,
-            )
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def check_figure_path(path: str | os.PathLike[str]) -> Path:
-    """The path, if a picture can be of the kind that it names.
-
-    Raises:
-        ValueError: if it doesn't end in .png or .svg.
-    """
-    path = Path(path)
-    if path.suffix.lower() not in FORMATS:
-        raise ValueError(f"{path}: a picture's name must end in {' or '.join(FORMATS)}.")
-    return path
 
 
 def _pitches(

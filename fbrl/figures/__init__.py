@@ -1,0 +1,1 @@
+"""Figures for papers: learning curves and bar charts, drawn from the logs of runs."""

@@ -1,0 +1,57 @@
+"""Figures as files."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg")
+_DOTS_PER_INCH = 160
+
+
+def check_figure_path(path: str | os.PathLike[str]) -> Path:
+    """The path, if a picture can be of the kind that it names.
+
+    Raises:
+        ValueError: if it doesn't end in .png or .svg.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise ValueError(f"{path}: a picture's name must end in {' or '.join(FORMATS)}.")
+    return path
+
+
+def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:
+    """Writes a picture, as PNG or SVG by the name's ending; all files whole or none.
+
+    Raises:
+        ValueError: if a name has another ending.
+        OSError: if a file cannot be written.
+    """
+    files = {path: path.with_name(path.name + ".partial") for path in map(check_figure_path, paths)}
+    try:
+        for path, temporary in files.items():
+            _write(figure, temporary, path.suffix.lower())
+        for path, temporary in files.items():
+            temporary.replace(path)
+    finally:
+        for temporary in files.values():
+            temporary.unlink(missing_ok=True)
+
+
+def _write(figure: Figure, path: Path, kind: str) -> None:
+    import matplotlib
+
+    # The same picture is the same file, whenever it is made.
+    with matplotlib.rc_context({"svg.hashsalt": "fbrl", "svg.fonttype": "none"}):
+        figure.savefig(
+            path,
+            format=kind[1:],
+            dpi=_DOTS_PER_INCH,
+            bbox_inches="tight",
+            metadata={"Date": None} if kind == ".svg" else None,
+        )
