@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import functools
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,7 +80,7 @@ class RunLog:
         return self.metrics[FRAMES]
 
     def metric(self, name: str) -> NDArray[np.float64]:
-        """A column of the metrics.
+        """A column of the metrics, shape (iterations,).
 
         Args:
             name: Such as ``match/goal_difference``.
@@ -87,8 +88,32 @@ class RunLog:
         Raises:
             UnknownNameError: It was not logged; the message has the nearest name.
         """
+        return self.metrics[self._check(name, self.metrics)]
+
+    def curve(self, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Frames and values of anything that was logged, where it has a value.
+
+        Args:
+            name: A column of the metrics, or of the evaluations, such as
+                ``evaluation/goal_difference``. Of two evaluations at the same number of frames the
+                later one counts.
+
+        Returns:
+            Two arrays of the same shape (points,); the frames rise strictly.
+
+        Raises:
+            UnknownNameError: It was not logged; the message has the nearest name.
+        """
+        self._check(name, [*self.metrics, *self.evaluations])
+        columns = self.metrics if name in self.metrics else self.evaluations
+        has_value = ~np.isnan(columns[name])
+        frames, values = columns[FRAMES][has_value], columns[name][has_value]
+        frames, from_the_end = np.unique(frames[::-1], return_index=True)
+        return frames, values[::-1][from_the_end]
+
+    def _check(self, name: str, names: Iterable[str]) -> str:
         try:
-            return self.metrics[check_name("metric", name, self.metrics)]
+            return check_name("metric", name, names)
         except UnknownNameError as error:
             raise UnknownNameError(f"{self.run_dir}: {error}") from error
 
@@ -107,7 +132,9 @@ def read_run_log(run_dir: Path) -> RunLog:
         values = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(values, dict):
             raise RunLogError(f"{path} is no configuration of a training.")
-        return RunLog(run_dir, config_from_dict(values))
+        config = config_from_dict(values)
+        config.check()
+        return RunLog(run_dir, config)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise RunLogError(
             f"There is no run at {run_dir}: it has no config.json. Give the directory that "
@@ -115,7 +142,7 @@ def read_run_log(run_dir: Path) -> RunLog:
         ) from error
     except OSError as error:
         raise RunLogError(f"{path} cannot be read ({error.strerror}).") from error
-    except (ConfigError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (ConfigError, UnknownNameError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise RunLogError(f"{path} is damaged, or of another version of fbrl: {error}") from error
 
 

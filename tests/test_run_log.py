@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fbrl.config import preset_config, save_config
-from fbrl.evaluate import Evaluation
-from fbrl.monitor import Monitor
+from fbrl.config import PPOConfig, TrainConfig, preset_config, save_config
 from fbrl.names import UnknownNameError
+from fbrl.ppo.trainer import TrainListener, train
 from fbrl.run_log import RunLogError, frames_until, paper_goal_difference, read_run_log
 
 SCENARIO = "academy_3_vs_1_with_keeper"
@@ -27,25 +26,21 @@ def read(run_dir, table):
 
 
 class TestReading:
-    def test_what_the_monitor_wrote_comes_back(self, run_dir):
-        from fbrl.envs import make_env
-
-        env = make_env("academy_empty_goal_close", num_envs=2, reward="scoring", seed=0)
-        with Monitor(run_dir, ("reward_scoring",)) as monitor:
-            logged = [
-                monitor.log_iteration(frames, env.rollout(steps), {"entropy": 2.5}, 1.0, 1.0)
-                for frames, steps in ((8, 4), (1008, 500))
-            ]
-            monitor.log_evaluation(Evaluation(np.array([1.0, 0.0]), np.array([30, 40])), 0)
-            monitor.log_evaluation(Evaluation(np.array([1.0, 1.0]), np.array([30, 40])), 1008)
-        env.close()
-        log = read_run_log(run_dir)
-        assert log.config == preset_config("light", SCENARIO)
-        assert log.frames.tolist() == [8, 1008]
-        assert np.isnan(log.metric("match/goal_difference")[0])
-        assert {name: log.metric(name)[1] for name in logged[1]} == logged[1]
-        assert log.evaluations["frames"].tolist() == [0, 1008]
-        assert log.evaluations["evaluation/goal_difference"].tolist() == [0.5, 1.0]
+    def test_what_a_training_logged_comes_back(self, tmp_path):
+        small = PPOConfig(total_frames=256, num_envs=1, num_steps=128, num_minibatches=2)
+        config = TrainConfig(
+            "academy_empty_goal_close", run_dir=tmp_path / "run", eval_episodes=2, ppo=small
+        )
+        shown = []
+        result = train(config, TrainListener(on_metrics=lambda frames, row: shown.append(row)))
+        log = read_run_log(tmp_path / "run")
+        assert log.config == config
+        assert log.frames.tolist() == [128, 256]
+        assert "match/goal_difference" in log.metrics
+        for name, value in shown[-1].items():
+            assert log.metric(name)[-1] == value
+        frames, values = log.curve("evaluation/goal_difference")
+        assert (frames[-1], values[-1]) == (256, result.trained.goal_difference)
 
     def test_a_run_without_evaluations_has_none(self, run_dir):
         assert read(run_dir, TABLE + "10,,0\n").evaluations == {}
@@ -60,6 +55,16 @@ class TestReading:
         with pytest.raises(UnknownNameError, match=r"reward/totl'.*mean reward/total\?") as raised:
             log.metric("reward/totl")
         assert str(run_dir) in str(raised.value)
+
+    def test_a_curve_has_only_the_points_with_a_value(self, run_dir):
+        frames, values = read(run_dir, TABLE + "10,,0\n20,0.5,1\n").curve("match/goal_difference")
+        assert (frames.tolist(), values.tolist()) == ([20], [0.5])
+
+    def test_of_two_evaluations_at_the_same_frames_the_later_counts(self, run_dir):
+        table = "frames,evaluation/matches\n0,1\n10,2\n10,3\n"
+        (run_dir / "evaluations.csv").write_text(table)
+        frames, values = read(run_dir, TABLE + "10,,0\n").curve("evaluation/matches")
+        assert (frames.tolist(), values.tolist()) == ([0, 10], [1, 3])
 
     @pytest.mark.parametrize(
         ("table", "message"),
@@ -99,7 +104,9 @@ class TestReading:
         with pytest.raises(RunLogError, match=rf"no run at .*{name}.*no config\.json"):
             read_run_log(run_dir / name)
 
-    @pytest.mark.parametrize("text", ["", "{", "[]", '{"scenario": "x", "colour": 1}', "{}"])
+    @pytest.mark.parametrize(
+        "text", ["", "{", "[]", '{"scenario": "x", "colour": 1}', "{}", '{"scenario": "x"}']
+    )
     def test_a_damaged_configuration_is_named(self, run_dir, text):
         (run_dir / "config.json").write_text(text)
         with pytest.raises(RunLogError, match=r"config\.json is"):

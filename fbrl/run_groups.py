@@ -1,0 +1,128 @@
+"""Runs grouped by what was trained, so that their seeds can be pooled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fbrl.config import TrainConfig, config_to_dict, preset_config
+from fbrl.run_log import RunLog
+
+NOT_TRAINED = frozenset(
+    {
+        "seed", "run_dir", "device", "num_threads", "checkpoint_interval", "eval_episodes",
+        "eval_untrained", "eval_interval", "eval_pictures",
+    }
+)  # fmt: skip
+"""Fields of a configuration that may differ within a group: they leave what is learned alone."""
+
+Settings = Mapping[str, Any]
+
+
+class RunGroupError(ValueError):
+    """Raised for runs that cannot be pooled."""
+
+
+@dataclass(frozen=True)
+class RunGroup:
+    """Runs of one configuration, each with a seed of its own.
+
+    Attributes:
+        label: What tells the configuration from the others: "analytics, learning_rate 0.001".
+        runs: At least one.
+    """
+
+    label: str
+    runs: tuple[RunLog, ...]
+
+    @property
+    def config(self) -> TrainConfig:
+        """That of the first run."""
+        return self.runs[0].config
+
+
+def group_runs(runs: Iterable[RunLog], always: Sequence[str] = ()) -> list[RunGroup]:
+    """Pools the runs whose configurations differ in the seed alone.
+
+    Where matches are played, how often is saved and how often evaluated may differ, too: see
+    :data:`NOT_TRAINED`.
+
+    A label has what differs between the configurations of a scenario. What both presets merely
+    bring along is not listed: the runs are then told apart by the preset's name.
+
+    Args:
+        runs: In any order; the groups come in the order of their first runs.
+        always: Fields that a label always has.
+
+    Raises:
+        RunGroupError: A seed comes twice in a group.
+    """
+    members: dict[tuple[tuple[str, Any], ...], list[RunLog]] = {}
+    for run in runs:
+        members.setdefault(tuple(_settings(run.config).items()), []).append(run)
+    for group in members.values():
+        _check_seeds(group)
+    keys = list(map(dict, members))
+    shown = [name for name in _names(keys) if name in always or _tells_apart(name, keys)]
+    return [
+        RunGroup(_label(key, shown), tuple(group))
+        for key, group in zip(keys, members.values(), strict=True)
+    ]
+
+
+def single_runs(runs: Iterable[RunLog]) -> list[RunGroup]:
+    """Each run as a group of its own, named by its directory."""
+    return [RunGroup(run.run_dir.resolve().name, (run,)) for run in runs]
+
+
+def _settings(config: TrainConfig) -> dict[str, Any]:
+    values = config_to_dict(config)
+    values["hidden_sizes"] = tuple(values["hidden_sizes"])
+    values |= values.pop("ppo")
+    return {name: value for name, value in values.items() if name not in NOT_TRAINED}
+
+
+def _check_seeds(group: Sequence[RunLog]) -> None:
+    seen: dict[int, RunLog] = {}
+    for run in group:
+        other = seen.setdefault(run.config.seed, run)
+        if other is not run:
+            raise RunGroupError(
+                f"{other.run_dir} and {run.run_dir} have the same configuration and both seed "
+                f"{run.config.seed}, which can't count twice. Leave one of them out."
+            )
+
+
+def _names(keys: Sequence[Settings]) -> list[str]:
+    first = ["reward", "preset"]
+    return [*first, *(name for name in keys[0] if name not in [*first, "scenario"])] if keys else []
+
+
+def _tells_apart(name: str, keys: Sequence[Settings]) -> bool:
+    for scenario in dict.fromkeys(key["scenario"] for key in keys):
+        same = [key for key in keys if key["scenario"] == scenario]
+        differs = len({key[name] for key in same}) > 1
+        if differs and (name == "preset" or any(key[name] != _default(name, key) for key in same)):
+            return True
+    return False
+
+
+def _default(name: str, key: Settings) -> Any:
+    return _settings(preset_config(key["preset"], key["scenario"]))[name]
+
+
+def _label(key: Settings, shown: Sequence[str]) -> str:
+    if not shown:
+        return f"{key['reward']} reward, preset {key['preset']}"
+    return ", ".join(_part(name, key[name]) for name in shown)
+
+
+def _part(name: str, value: Any) -> str:
+    if name == "reward":
+        return str(value)
+    if name == "density" and value is None:
+        return "density as shipped"
+    if isinstance(value, tuple):
+        value = " ".join(map(str, value))
+    return f"{name} {value}"

@@ -1,0 +1,95 @@
+"""Which runs are pooled, and what the groups are called."""
+
+from __future__ import annotations
+
+import pytest
+from written_runs import write_run
+
+from fbrl.run_groups import RunGroupError, group_runs, single_runs
+from fbrl.run_log import read_run_log
+
+
+@pytest.fixture
+def run(tmp_path):
+    numbers = iter(range(100))
+    return lambda **settings: read_run_log(
+        write_run(tmp_path / f"run{next(numbers)}", {"frames": [1]}, **settings)
+    )
+
+
+def labels(*runs, **options):
+    return [group.label for group in group_runs(runs, **options)]
+
+
+def test_runs_that_differ_in_the_seed_are_pooled_in_the_order_of_their_first(run):
+    a0, b0, a1 = run(seed=0), run(seed=0, reward="scoring"), run(seed=1)
+    groups = group_runs([a0, b0, a1])
+    assert [group.runs for group in groups] == [(a0, a1), (b0,)]
+    assert groups[0].config == a0.config
+
+
+def test_how_a_run_was_played_saved_and_evaluated_does_not_part_it(run):
+    same = [
+        run(seed=0), run(seed=1, device="cpu"), run(seed=2, num_threads=1),
+        run(seed=3, checkpoint_interval=5), run(seed=4, eval_episodes=7, eval_untrained=True),
+    ]  # fmt: skip
+    assert [len(group.runs) for group in group_runs(same)] == [5]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"reward": "scoring"},
+        {"density": "uniform"},
+        {"transition": "consecutive"},
+        {"observation": "minimap"},
+        {"hidden_sizes": (64,)},
+        {"activation": "tanh"},
+        {"scenario": "academy_corner"},
+        {"ppo": {"learning_rate": 0.5}},
+        {"ppo": {"total_frames": 5}},
+    ],
+)
+def test_what_is_learned_and_how_parts_runs(run, change):
+    assert len(group_runs([run(seed=0), run(seed=1, **change)])) == 2
+
+
+def test_a_label_has_what_differs(run):
+    assert labels(run(), run(reward="scoring")) == ["analytics", "scoring"]
+    assert labels(run(), run(density="uniform")) == ["density as shipped", "density uniform"]
+    assert labels(run(ppo={"gamma": 0.9}), run(hidden_sizes=(8, 4))) == [
+        "hidden_sizes 256 256, gamma 0.9",
+        "hidden_sizes 8 4, gamma 0.993",
+    ]
+
+
+def test_presets_are_told_apart_by_their_names_and_what_departs_from_them(run):
+    assert labels(run(), run(preset="thesis")) == ["preset light", "preset thesis"]
+    assert labels(run(), run(preset="thesis", ppo={"num_epochs": 9})) == [
+        "preset light, num_epochs 4",
+        "preset thesis, num_epochs 9",
+    ]
+
+
+def test_a_single_configuration_is_named_by_reward_and_preset(run):
+    assert labels(run(seed=0), run(seed=1)) == ["analytics reward, preset light"]
+    assert labels(run(), always=("reward",)) == ["analytics"]
+
+
+def test_what_only_differs_between_scenarios_is_in_no_label(run):
+    long = {"scenario": "11_vs_11_easy_stochastic", "ppo": {"total_frames": 9}}
+    runs = [run(), run(reward="scoring"), run(**long), run(**long, reward="scoring")]
+    assert labels(*runs) == ["analytics", "scoring"] * 2
+
+
+def test_a_seed_cannot_count_twice(run):
+    with pytest.raises(RunGroupError, match=r"run0 and .*run1 have the same .* both seed 3"):
+        group_runs([run(seed=3), run(seed=3, device="cpu")])
+
+
+def test_each_run_for_itself_is_named_by_its_directory(run):
+    assert [group.label for group in single_runs([run(seed=3), run(seed=3)])] == ["run0", "run1"]
+
+
+def test_no_runs_are_no_groups():
+    assert group_runs([]) == []

@@ -1,0 +1,58 @@
+"""Directories of runs with the tables that they are given, for tests that read runs."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fbrl.config import preset_config, save_config
+
+SCENARIO = "academy_3_vs_1_with_keeper"
+GOALS = "match/goal_difference"
+FINAL = tuple(f"evaluation/goal_difference{end}" for end in ("", "_low", "_high"))
+
+
+def write_run(
+    run_dir: Path,
+    metrics: Mapping[str, Sequence[float | str]],
+    final: tuple[float, float, float] | None = None,
+    *,
+    scenario: str = SCENARIO,
+    preset: str = "light",
+    ppo: Mapping[str, Any] | None = None,
+    **changes: Any,
+) -> Path:
+    """Writes a run.
+
+    Args:
+        run_dir: Where to.
+        metrics: Columns of ``metrics.csv``.
+        final: Goal difference of the last evaluation and the ends of its interval.
+        scenario: What was played.
+        preset: What the other settings are those of.
+        ppo: Hyperparameters that differ from it.
+        changes: Other settings that differ from it.
+    """
+    config = preset_config(preset, scenario)
+    ppo_config = dataclasses.replace(config.ppo, **(ppo or {}))
+    run_dir.mkdir(parents=True)
+    save_config(
+        dataclasses.replace(config, ppo=ppo_config, run_dir=run_dir, **changes),
+        run_dir / "config.json",
+    )
+    write_table(run_dir / "metrics.csv", metrics)
+    if final is not None:
+        rows = {name: [0.0, value] for name, value in zip(FINAL, final, strict=True)}
+        write_table(run_dir / "evaluations.csv", {"frames": [0, 1000], **rows})
+    return run_dir
+
+
+def write_table(path: Path, columns: Mapping[str, Sequence[Any]]) -> Path:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(columns)
+        table.writerows(zip(*columns.values(), strict=True))
+    return path
