@@ -27,20 +27,18 @@ def read(run_dir, table):
 
 class TestReading:
     def test_what_a_training_logged_comes_back(self, tmp_path):
-        small = PPOConfig(total_frames=256, num_envs=1, num_steps=128, num_minibatches=2)
+        small = PPOConfig(total_frames=64, num_envs=2, num_steps=16, num_minibatches=2)
         config = TrainConfig(
-            "academy_empty_goal_close", run_dir=tmp_path / "run", eval_episodes=2, ppo=small
+            "academy_empty_goal_close", run_dir=tmp_path / "run", eval_episodes=0, ppo=small
         )
         shown = []
-        result = train(config, TrainListener(on_metrics=lambda frames, row: shown.append(row)))
+        train(config, TrainListener(on_metrics=lambda frames, row: shown.append(row)))
         log = read_run_log(tmp_path / "run")
         assert log.config == config
-        assert log.frames.tolist() == [128, 256]
-        assert "match/goal_difference" in log.metrics
+        assert log.frames.tolist() == [32, 64]
+        assert np.isnan(log.metric("match/goal_difference")[0])  # no match has ended yet
         for name, value in shown[-1].items():
             assert log.metric(name)[-1] == value
-        frames, values = log.curve("evaluation/goal_difference")
-        assert (frames[-1], values[-1]) == (256, result.trained.goal_difference)
 
     def test_a_run_without_evaluations_has_none(self, run_dir):
         assert read(run_dir, TABLE + "10,,0\n").evaluations == {}
