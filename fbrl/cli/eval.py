@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.errors import Parser, fail
 from fbrl.envs.scenarios import check_scenario
 from fbrl.names import UnknownNameError
@@ -44,7 +45,9 @@ examples:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if interrupted."""
     try:
-        _main(_parser().parse_args(arguments))
+        options = _parser().parse_args(arguments)
+        preload_tcmalloc(PROGRAM)
+        _main(options)
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED)

@@ -20,6 +20,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import tyro
 from rich.console import Console
 
+from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.errors import fail, parsing
 from fbrl.cli.train_display import TrainDisplay
 from fbrl.config import PRESETS, ConfigError, TrainConfig, preset_config
@@ -40,6 +41,9 @@ option can be set on top of a preset. Examples:
   fbrl-train academy_counterattack_hard --preset thesis --device cuda
 
   fbrl-train 11_vs_11_easy_stochastic --reward scoring --total-frames 2000000 --num-envs 16
+
+Where tcmalloc is installed, it takes the place of the C library's allocator, which makes matches
+faster; FBRL_TCMALLOC=0 in the environment prevents that.
 """
 
 DIVERGED = 1
@@ -55,14 +59,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Ends the process with 0; 2 on bad usage; 1 if the training diverged; 130 if it was interrupted.
     """
     try:
-        _main(sys.argv[1:] if arguments is None else arguments)
+        config = parse(sys.argv[1:] if arguments is None else arguments)
+        preload_tcmalloc(PROGRAM)
+        _main(config)
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted; nothing was saved since the last line", file=sys.stderr)
         sys.exit(INTERRUPTED)
 
 
-def _main(arguments: Sequence[str]) -> None:
-    config = parse(arguments)
+def _main(config: TrainConfig) -> None:
     # Seconds of imports, which --help and a mistyped option needn't wait for.
     from fbrl.envs import EngineNotInstalledError
     from fbrl.ppo.trainer import TrainListener, train

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
+import os
 import platform
 import re
 import subprocess
@@ -145,6 +146,36 @@ def check_match() -> str:
     return f"{steps} steps of academy_empty_goal_close, {milliseconds:.1f} ms each"
 
 
+def check_allocator() -> str:
+    """Whether the commands that play matches use tcmalloc."""
+    from fbrl.allocator import (
+        TCMALLOC,
+        environment_with_tcmalloc,
+        find_tcmalloc,
+        reason_against_tcmalloc,
+    )
+
+    if find_tcmalloc() is None:
+        raise CheckError(
+            f"{TCMALLOC} isn't installed, and matches are slower without it",
+            _TCMALLOC_REMEDY,
+            "warn",
+        )
+    if reason := reason_against_tcmalloc(os.environ):
+        return f"left as it is, because of {reason}"
+    process = subprocess.run(
+        [sys.executable, "-c", "print(open('/proc/self/maps').read())"],
+        env=environment_with_tcmalloc(os.environ),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if TCMALLOC.partition(".")[0] not in process.stdout:
+        problem = " ".join(process.stderr.split())
+        raise CheckError(f"{TCMALLOC} can't be preloaded: {problem}", _TCMALLOC_REMEDY, "warn")
+    return f"{TCMALLOC} is preloaded by the commands that play matches"
+
+
 def check_torch() -> str:
     """Torch computes on the device that training would choose."""
     import torch
@@ -218,6 +249,8 @@ def check_rendering() -> str:
 
 _RENDER_REMEDY = "`sudo apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri` (only videos need it)"
 
+_TCMALLOC_REMEDY = "`sudo apt-get install libtcmalloc-minimal4`"
+
 RENDERING = "headless rendering"
 
 CHECKS: tuple[Check, ...] = (
@@ -225,6 +258,7 @@ CHECKS: tuple[Check, ...] = (
     Check("system libraries", check_system_libraries, _REBUILD),
     Check("engine import", check_engine, "run `make setup`; mend the system libraries first"),
     Check("match step", check_match, f"mend the engine import first; else {_REBUILD}"),
+    Check("allocator", check_allocator, _TCMALLOC_REMEDY, needed=False),
     Check("torch and device", check_torch, "`pip install 'torch>=2.7'`, or run `make setup`"),
     Check("TensorBoard", check_tensorboard, "`pip install -U tensorboard`, or run `make setup`"),
     Check("densities", check_densities, "reinstall fbrl: `pip install --force-reinstall fbrl`"),
