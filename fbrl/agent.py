@@ -9,7 +9,9 @@ import torch
 
 from fbrl.checkpoint import CheckpointError, load_checkpoint
 from fbrl.config import ConfigError, TrainConfig, config_from_dict
+from fbrl.envs.factory import make_reward
 from fbrl.models.actor_critic import ActorCritic, build_actor_critic
+from fbrl.transforms import ScoringReward
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,20 @@ def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
         activation=config.activation,  # type: ignore[arg-type]
         device=device,
     )
+
+
+def make_training_reward(config: TrainConfig) -> ScoringReward:
+    """The reward that a configuration asks for.
+
+    Raises:
+        ConfigError: Its density can't be read.
+    """
+    if config.reward != "analytics":
+        return make_reward(config.reward)
+    try:
+        return make_reward(config.reward, density=config.density, transition=config.transition)
+    except (ValueError, OSError) as error:
+        raise ConfigError(str(error)) from error
 
 
 def load_agent(path: Path, device: torch.device | str = "cpu") -> Agent:

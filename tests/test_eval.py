@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import json
 
@@ -10,7 +11,7 @@ import torch
 
 from fbrl.agent import load_agent, make_model
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
-from fbrl.config import config_to_dict, preset_config
+from fbrl.config import config_to_dict, preset_config, save_config
 
 SCENARIO = "academy_empty_goal_close"
 SHOOT = 12
@@ -55,34 +56,128 @@ def test_a_checkpoint_that_fits_no_training_is_refused(shooter, tmp_path, change
 
 def test_it_prints_and_writes_the_results_of_both_modes(shooter, run_program, tmp_path):
     line = ["fbrl-eval", shooter, "--episodes", 8, "--num-envs", 4, "--mode", "both"]
-    done = run_program(*line, "--json", tmp_path / "out.json")
+    done = run_program(*line, "--json", tmp_path / "out.json", "--csv", tmp_path / "out.csv")
     assert (done.returncode, done.stderr) == (0, "")
-    sampled, greedy = json.loads((tmp_path / "out.json").read_text())
+    sampled, greedy = json.loads((tmp_path / "out.json").read_text())["results"]
     assert (sampled["mode"], greedy["mode"]) == ("sample", "greedy")
-    assert greedy["scenario"] == SCENARIO
+    assert greedy["scenario"] == greedy["trained_on"] == SCENARIO
     assert (greedy["matches"], greedy["won"], greedy["lost"]) == (8, 8, 0)
-    assert greedy["goal_difference"] == 1.0
+    assert greedy["goal_difference"] == greedy["goals_for"] == greedy["shots"] == 1.0
+    assert greedy["goals_against"] == greedy["passes"] == 0.0
+    assert greedy["episode_reward_scoring"] == 1.0
+    assert greedy["episode_reward"] >= greedy["episode_reward_start_density"] + 1.0
     assert sampled["won"] + sampled["drawn"] + sampled["lost"] == sampled["matches"] == 8
     assert "+1.000" in done.stdout
     assert "8/0/0" in done.stdout
     assert "123 frames" in done.stdout
+    with (tmp_path / "out.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["mode"] for row in rows] == ["sample", "greedy"]
+    assert float(rows[0]["goal_difference"]) == sampled["goal_difference"]
     again = run_program(*line, "--json", tmp_path / "again.json")
     assert again.returncode == 0
     assert (tmp_path / "again.json").read_text() == (tmp_path / "out.json").read_text()
 
 
-def test_other_scenarios_can_be_played(shooter, run_program, tmp_path):
+def test_other_scenarios_can_be_played_and_policies_without_a_network(
+    shooter, run_program, tmp_path
+):
     scenarios = ["academy_empty_goal", "academy_run_to_score"]
     options = [part for name in scenarios for part in ("--scenario", name)]
-    options += ["--episodes", 2, "--num-envs", 1, "--json", tmp_path / "out.json"]
-    done = run_program("fbrl-eval", shooter, *options)
+    options += ["--policy", "idle", "--policy", "builtin-ai", "--episodes", 2]
+    done = run_program("fbrl-eval", shooter, *options, "--json", tmp_path / "out.json")
     assert done.returncode == 0, done.stderr
-    assert [row["scenario"] for row in json.loads((tmp_path / "out.json").read_text())] == scenarios
+    rows = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert [(row["policy"], row["scenario"]) for row in rows] == [
+        (policy, name) for policy in (str(shooter), "idle", "builtin-ai") for name in scenarios
+    ]
+    assert {row["matches"] for row in rows} == {2}
+    goals = {(row["policy"], row["scenario"]): row["goal_difference"] for row in rows}
+    assert goals["idle", "academy_empty_goal"] == 0.0
+    assert goals["builtin-ai", "academy_empty_goal"] > 0.0
+    assert all(row["mode"] is row["seed"] is row["reward"] is None for row in rows[2:])
+
+
+def make_run(path, seed, goals=(), **changes):
+    """A run's directory with an untrained agent and, with goals, a log that has them."""
+    config = dataclasses.replace(
+        preset_config("light", SCENARIO), hidden_sizes=(8,), seed=seed, **changes
+    )
+    torch.manual_seed(seed)
+    model = make_model(config, torch.device("cpu"))
+    checkpoint = path / "checkpoints" / "last.pt"
+    save_checkpoint(checkpoint, config=config_to_dict(config), frames=9, model=model.state_dict())
+    save_config(config, path / "config.json")
+    if goals:
+        lines = [f"{1000 * (i + 1)},{value}" for i, value in enumerate(goals)]
+        (path / "metrics.csv").write_text(
+            "frames,match/goal_difference\n" + "\n".join(lines) + "\n"
+        )
+    return path
+
+
+def test_seeds_are_pooled_and_configurations_compared(run_program, tmp_path):
+    runs = [make_run(tmp_path / f"analytics{seed}", seed) for seed in (1, 2, 3)]
+    runs += [make_run(tmp_path / f"scoring{seed}", seed, reward="scoring") for seed in (1, 2)]
+    done = run_program("fbrl-eval", *runs, "--episodes", 4, "--json", tmp_path / "out.json")
+    assert (done.returncode, done.stderr) == (0, "")
+    report = json.loads((tmp_path / "out.json").read_text())
+    scores = [row["goal_difference"] for row in report["results"]]
+    first, second = report["seeds"]
+    assert [(part["configuration"], part["seeds"]) for part in (first, second)] == [
+        ("analytics", 3),
+        ("scoring", 2),
+    ]
+    # Three and two numbers have no quarter that could be left out.
+    assert first["interquartile_mean"] == pytest.approx(sum(scores[:3]) / 3)
+    assert second["interquartile_mean"] == pytest.approx(sum(scores[3:]) / 2)
+    assert first["interquartile_mean_low"] <= first["interquartile_mean"]
+    pairs = [(a > b) + 0.5 * (a == b) for a in scores[:3] for b in scores[3:]]
+    (improvement,) = report["improvements"]
+    expected = sum(pairs) / 6
+    assert improvement["probability"] == pytest.approx(max(expected, 1 - expected))
+    assert "interquartile mean" in done.stdout
+    assert "Probability that a seed" in done.stdout
+
+
+def test_a_runs_log_says_when_it_converged_and_what_the_paper_would_report(run_program, tmp_path):
+    run = make_run(tmp_path / "run", 0, goals=(0.1, 0.6, 0.3, 0.52, 0.45, 0.7))
+    line = ["fbrl-eval", run, "--episodes", 2, "--json", tmp_path / "out.json"]
+    assert run_program(*line).returncode == 0
+    (row,) = json.loads((tmp_path / "out.json").read_text())["training"]
+    assert (row["frames"], row["frames_until_threshold"]) == (6000, 4000)
+    assert row["paper_goal_difference"] == 0.7
+    done = run_program(*line, "--tolerance", 0, "--threshold", "0.65")
+    assert "6,000" in done.stdout
+    never = run_program(*line, "--threshold", "0.9")
+    assert "never" in never.stdout
+
+
+def test_a_seed_that_comes_twice_is_refused_before_the_first_match(run_program, tmp_path):
+    runs = [make_run(tmp_path / name, 1) for name in ("one", "two")]
+    done = run_program("fbrl-eval", *runs, "--json", tmp_path / "out.json")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "both seed 1" in done.stderr
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_a_truncated_checkpoint_is_refused(shooter, run_program, tmp_path):
+    whole = (shooter / "checkpoints" / "last.pt").read_bytes()
+    (tmp_path / "cut.pt").write_bytes(whole[: len(whole) // 2])
+    done = run_program("fbrl-eval", "cut.pt", "--csv", "out.csv")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "cut.pt is damaged" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "out.csv").exists()
 
 
 BAD_INPUT = {
     "missing run": (["nowhere"], "no checkpoint at nowhere"),
-    "no argument": ([], "RUN_OR_CHECKPOINT"),
+    "no argument": ([], "Name a run"),
+    "policy": (["--policy", "best"], "builtin-ai"),
+    "policy without scenario": (["--policy", "random"], "add --scenario"),
+    "threshold": (["nowhere", "--threshold", "nan"], "finite"),
+    "group": (["nowhere", "--scenario", "all-acadmy"], "all-academy"),
     "scenario": (["nowhere", "--scenario", "academy_empty_gaol"], "academy_empty_goal"),
     "episodes": (["nowhere", "--episodes", "0"], "at least 1"),
     "seed": (["nowhere", "--seed", "-1"], "[0, 2**32 - 1]"),

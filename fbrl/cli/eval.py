@@ -1,45 +1,60 @@
-"""``fbrl-eval RUN_OR_CHECKPOINT``: plays fresh matches with a trained agent."""
+"""``fbrl-eval RUN_OR_CHECKPOINT...``: plays fresh matches with trained agents and baselines."""
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
+import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 # As in fbrl.cli.train: waiting threads must not take the cores from the matches.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.progress import Progress
-from rich.table import Table
-
 from fbrl.allocator import preload_tcmalloc
+from fbrl.cli.commands import check_outputs
 from fbrl.cli.errors import Parser, fail
-from fbrl.envs.scenarios import check_scenario
+from fbrl.cli.eval_display import EvaluationProgress, print_report
+from fbrl.envs.scenarios import SCENARIO_GROUPS, expand_scenarios
 from fbrl.names import UnknownNameError
 
 if TYPE_CHECKING:
-    from fbrl.agent import Agent
+    import torch
+
+    from fbrl.comparison import Contestant, Row
 
 PROGRAM = "fbrl-eval"
 INTERRUPTED = 130
 MODES = ("sample", "greedy")
+POLICIES = ("random", "idle", "builtin-ai")
 
 _DESCRIPTION = """\
-Play fresh matches with a trained agent and print the goal difference with its 95 % interval
-(percentile bootstrap), matches won, drawn and lost, and their length. The same seed gives the same
-matches."""
+Play fresh matches with trained agents, and with policies to compare them with. For each scenario:
+the goal difference with its 95 % interval (percentile bootstrap over the matches), matches won,
+drawn and lost, goals, length, possession, passes, shots and the parts of the reward.
 
-_EPILOG = """\
+Several runs give a table. Where they are seeds of one configuration, it is followed by the
+interquartile mean over seeds and scenarios with its stratified bootstrap interval, and, between
+configurations, by the probability of improvement (Agarwal et al. 2021). A run's directory also
+tells how many frames its training took until a goal difference was reached and kept, and the
+number that the environment's paper reports: the mean of the last 100 training matches.
+
+The same seed and number of places give the same matches. Either side kicks off equally often."""
+
+_EPILOG = f"""\
+groups of scenarios:
+  all-academy: every scenario whose name begins with academy_
+  thesis: {", ".join(SCENARIO_GROUPS["thesis"])}
+
 examples:
   fbrl-eval runs/academy_3_vs_1_with_keeper/my-run
   fbrl-eval my-run --mode both --episodes 400 --json result.json
-  fbrl-eval my-run --scenario academy_counterattack_easy --scenario academy_corner"""
+  fbrl-eval my-run --scenario thesis --policy random --policy builtin-ai --csv table.csv
+  fbrl-eval runs/academy_3_vs_1_with_keeper/*   # seeds of one configuration are pooled"""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -61,11 +76,25 @@ def _parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("run", type=Path, metavar="RUN_OR_CHECKPOINT")
+    parser.add_argument(
+        "runs",
+        type=Path,
+        nargs="*",
+        metavar="RUN_OR_CHECKPOINT",
+        help="directory of a run, whose latest checkpoint is taken, or a checkpoint",
+    )
+    parser.add_argument(
+        "--policy",
+        action="append",
+        default=[],
+        choices=POLICIES,
+        help="also play with this policy, may be repeated: random actions, no action, or the "
+        "engine's own player",
+    )
     parser.add_argument(
         "--scenario",
         action="append",
-        help="scenario to play, may be repeated (default: the one trained on)",
+        help="scenario or group to play, may be repeated (default: what the runs were trained on)",
     )
     parser.add_argument(
         "--episodes",
@@ -81,10 +110,27 @@ def _parser() -> Parser:
     )
     parser.add_argument("--seed", type=_seed, default=0, help="default: %(default)s")
     parser.add_argument(
-        "--num-envs", type=_positive, default=8, help="matches at a time (default: %(default)s)"
+        "--num-envs",
+        type=_positive,
+        default=8,
+        help="places, the matches played at a time (default: %(default)s)",
     )
     parser.add_argument("--device", default="auto", help="auto, cpu, cuda (default: %(default)s)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the results there")
+    parser.add_argument(
+        "--threshold",
+        type=_number,
+        default=0.5,
+        help="goal difference that a training is to reach and keep (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=_number,
+        default=0.1,
+        help="how far it may fall below the threshold afterwards; the mean of 100 matches has a "
+        "standard error of up to 0.05 (default: %(default)s)",
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write everything there")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write a row for each result")
     return parser
 
 
@@ -102,107 +148,134 @@ def _seed(text: str) -> int:
     return value
 
 
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{value} is not a finite number")
+    return value
+
+
 def _main(options: argparse.Namespace) -> None:
     try:
-        for scenario in options.scenario or ():
-            check_scenario(scenario)
-        if options.json is not None and not options.json.absolute().parent.is_dir():
-            raise FileNotFoundError(f"There is no directory {options.json.parent} for --json.")
-        # Seconds of imports, which a mistyped option needn't wait for.
-        from fbrl.agent import load_agent
-        from fbrl.checkpoint import CheckpointError
-        from fbrl.config import ConfigError
-        from fbrl.envs import EngineNotInstalledError
-        from fbrl.ppo.trainer import choose_device
-    except (UnknownNameError, OSError) as error:
+        scenarios = expand_scenarios(options.scenario or ())
+        outputs = [path for path in (options.json, options.csv) if path is not None]
+        check_outputs(*outputs)
+        if not options.runs and not options.policy:
+            raise ValueError("Name a run or a checkpoint, or a policy with --policy.")
+        if not options.runs and not scenarios:
+            raise ValueError("A policy alone has no scenario it was trained on: add --scenario.")
+    except (UnknownNameError, ValueError) as error:
         fail(PROGRAM, error)
+    # Seconds of imports, which a mistyped option needn't wait for.
+    from fbrl.checkpoint import CheckpointError
+    from fbrl.config import ConfigError
+    from fbrl.envs import EngineNotInstalledError
+    from fbrl.run_groups import RunGroupError
+    from fbrl.run_log import RunLogError
+
     try:
-        agent = load_agent(options.run, choose_device(options.device))
-        results = _play_all(agent, options)
+        report = _evaluate(options, scenarios)
+        print_report(report)
         if options.json is not None:
-            options.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    except (CheckpointError, ConfigError, EngineNotInstalledError, OSError) as error:
+            _write_whole(options.json, lambda path: _write_json(path, report))
+        if options.csv is not None:
+            _write_whole(options.csv, lambda path: _write_csv(path, report["results"]))
+    except (CheckpointError, ConfigError, RunGroupError, RunLogError) as error:
         fail(PROGRAM, error)
-    _print(results, agent)
+    except (EngineNotInstalledError, ImportError, OSError) as error:
+        fail(PROGRAM, error)
 
 
-def _play_all(agent: Agent, options: argparse.Namespace) -> list[dict[str, Any]]:
-    modes = MODES if options.mode == "both" else (options.mode,)
-    scenarios = options.scenario or [agent.config.scenario]
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        return [
-            _play(agent, scenario, mode, options, progress)
-            for scenario in scenarios
-            for mode in modes
-        ]
+def _evaluate(options: argparse.Namespace, scenarios: Sequence[str]) -> dict[str, Any]:
+    """Everything that there is to say, in the types that JSON knows."""
+    from fbrl.comparison import baseline, improvements, pool_seeds, trained, training_row
+    from fbrl.ppo.trainer import choose_device
 
-
-def _play(
-    agent: Agent, scenario: str, mode: str, options: argparse.Namespace, progress: Progress
-) -> dict[str, Any]:
-    import torch
-
-    from fbrl.envs import make_env
-    from fbrl.evaluate import evaluate
-
-    task = progress.add_task(f"{scenario}, {mode}", total=options.episodes)
-    torch.manual_seed(options.seed)
-    env = make_env(
-        scenario,
-        num_envs=options.num_envs,
-        reward="scoring",
-        observation=agent.config.observation,
-        seed=options.seed,
-    )
-    try:
-        evaluation = evaluate(
-            env,
-            agent.model.get_collection_policy(),
-            options.episodes,
-            greedy=mode == "greedy",
-            device=next(agent.model.parameters()).device,
-            on_progress=lambda done: progress.update(task, completed=done),
-        )
-    finally:
-        env.close()
-    goals = evaluation.goal_differences
-    low, high = evaluation.interval
+    device = choose_device(options.device)
+    # All of them before the first match: a mistyped name is not found out after an hour.
+    contestants = [trained(path, device) for path in options.runs]
+    contestants += [baseline(name) for name in options.policy]
+    training = [training_row(c, options.threshold, options.tolerance) for c in contestants]
+    pool_seeds(contestants, ())  # a seed that comes twice
+    results = _play_all(contestants, scenarios, options, device)
+    pooled = pool_seeds(contestants, results)
     return {
-        "scenario": scenario,
-        "mode": mode,
-        "seed": options.seed,
-        "matches": len(goals),
-        "goal_difference": evaluation.goal_difference,
-        "goal_difference_low": low,
-        "goal_difference_high": high,
-        "won": int((goals > 0).sum()),
-        "drawn": int((goals == 0).sum()),
-        "lost": int((goals < 0).sum()),
-        "length": float(evaluation.lengths.mean()),
+        "results": results,
+        "training": [row for row in training if row is not None],
+        "seeds": [
+            {
+                "configuration": seeds.label,
+                "mode": seeds.mode,
+                "seeds": seeds.seeds,
+                "scenarios": list(seeds.scenarios),
+                "interquartile_mean": seeds.goal_difference.value,
+                "interquartile_mean_low": seeds.goal_difference.low,
+                "interquartile_mean_high": seeds.goal_difference.high,
+            }
+            for seeds in pooled
+        ],
+        "improvements": [
+            {
+                "configuration": better.label,
+                "over": other.label,
+                "mode": better.mode,
+                "probability": probability.value,
+                "probability_low": probability.low,
+                "probability_high": probability.high,
+            }
+            for better, other, probability in improvements(pooled)
+        ],
     }
 
 
-def _print(results: Sequence[dict[str, Any]], agent: Agent) -> None:
-    table = Table("scenario", "actions", box=SIMPLE)
-    for column in ("matches", "goal difference, 95 % interval", "won/drawn/lost", "steps"):
-        table.add_column(column, justify="right")
-    for result in results:
-        low, high = result["goal_difference_low"], result["goal_difference_high"]
-        table.add_row(
-            result["scenario"],
-            "sampled" if result["mode"] == "sample" else "greedy",
-            str(result["matches"]),
-            f"{result['goal_difference']:+.3f} [{low:+.3f}, {high:+.3f}]",
-            f"{result['won']}/{result['drawn']}/{result['lost']}",
-            f"{result['length']:.0f}",
-        )
-    # Wide enough for whole names, also where the output goes to a file.
-    console = Console(highlight=False, markup=False)
-    console.width = max(console.width, 120)
-    config = agent.config
-    console.print(
-        f"{config.reward} reward, preset {config.preset}, seed {config.seed}, trained on "
-        f"{config.scenario} for {agent.frames:,} frames"
-    )
-    console.print(table)
+def _play_all(
+    contestants: Sequence[Contestant],
+    scenarios: Sequence[str],
+    options: argparse.Namespace,
+    device: torch.device,
+) -> list[Row]:
+    from fbrl.comparison import play, result_row
+
+    modes = MODES if options.mode == "both" else (options.mode,)
+    trained_on = [c.config.scenario for c in contestants if c.config is not None]
+    everywhere = scenarios or list(dict.fromkeys(trained_on))
+    rows = []
+    with EvaluationProgress(options.episodes) as progress:
+        for contestant in contestants:
+            own = [contestant.config.scenario] if contestant.config is not None else everywhere
+            for scenario in scenarios or own:
+                for mode in modes if contestant.config is not None else modes[:1]:
+                    evaluation = play(
+                        contestant,
+                        scenario,
+                        episodes=options.episodes,
+                        seed=options.seed,
+                        num_envs=min(options.num_envs, math.ceil(options.episodes / 2)),
+                        greedy=mode == "greedy",
+                        device=device,
+                        on_progress=progress.of(f"{contestant.name} in {scenario}"),
+                    )
+                    rows.append(result_row(contestant, scenario, mode, options.seed, evaluation))
+    return rows
+
+
+def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Lets a file be written beside its place and moves it there, whole or not at all."""
+    temporary = path.with_name(path.name + ".partial")
+    try:
+        write(temporary)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _write_json(path: Path, report: dict[str, Any]) -> None:
+    path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_csv(path: Path, rows: Sequence[Row]) -> None:
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, columns)
+        table.writeheader()
+        table.writerows(rows)

@@ -1,0 +1,280 @@
+"""Agents and baselines that play the same evaluation, and what their results say together."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from fbrl.agent import load_agent, make_training_reward
+from fbrl.config import TrainConfig
+from fbrl.envs import make_env
+from fbrl.envs.factory import EPISODE_PREFIX
+from fbrl.envs.football import ActionSet
+from fbrl.evaluate import Evaluation, Policy, evaluate
+from fbrl.policies import make_policy
+from fbrl.run_groups import RunGroup, group_runs
+from fbrl.run_log import (
+    GOAL_DIFFERENCE,
+    RunLog,
+    frames_until,
+    paper_goal_difference,
+    read_run_log,
+)
+from fbrl.seeds import Estimate, interquartile_mean, probability_of_improvement
+
+Row = dict[str, Any]
+"""One result, flat, as it is written to tables."""
+
+SAMPLE, GREEDY = "sample", "greedy"
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """Whoever is evaluated.
+
+    Attributes:
+        name: The path it was loaded from, or a baseline's name.
+        policy: Reads the observation and writes ``action``.
+        action_set: What ``policy`` chooses from.
+        config: How it was trained; None for a baseline.
+        frames: Frames that it was trained on; None for a baseline.
+    """
+
+    name: str
+    policy: Policy
+    action_set: ActionSet = "default"
+    config: TrainConfig | None = None
+    frames: int | None = None
+
+
+@dataclass(frozen=True)
+class PooledSeeds:
+    """Several seeds of one configuration as one result.
+
+    Attributes:
+        label: What tells the configuration from the others.
+        mode: How actions were chosen.
+        seeds: How many there are.
+        scenarios: Where they played.
+        scores: Mean goal differences, one row per seed and one column per scenario.
+        goal_difference: Their interquartile mean.
+    """
+
+    label: str
+    mode: str
+    seeds: int
+    scenarios: tuple[str, ...]
+    scores: tuple[tuple[float, ...], ...]
+    goal_difference: Estimate
+
+
+def trained(path: Path, device: torch.device) -> Contestant:
+    """The agent of a checkpoint, or of a run's latest one.
+
+    Raises:
+        CheckpointError: There is none, or it is damaged.
+    """
+    agent = load_agent(path, device)
+    policy = agent.model.get_collection_policy()
+    return Contestant(str(path), policy, config=agent.config, frames=agent.frames)
+
+
+def baseline(name: str) -> Contestant:
+    """A policy without a network: random, idle or builtin-ai.
+
+    Raises:
+        UnknownNameError: There is none of this name.
+    """
+    policy = make_policy(name)
+    return Contestant(name, policy, policy.action_set)
+
+
+def play(
+    contestant: Contestant,
+    scenario: str,
+    *,
+    episodes: int,
+    seed: int,
+    num_envs: int = 8,
+    greedy: bool = False,
+    device: torch.device | str = "cpu",
+    on_progress: Callable[[int], None] | None = None,
+) -> Evaluation:
+    """Plays fresh matches; the same arguments on the same machine give the same matches.
+
+    Rewards are those that the agent was trained with; a baseline is shown the analytics reward.
+
+    Args:
+        contestant: Who plays.
+        scenario: Where.
+        episodes: How many matches at least, see :func:`fbrl.evaluate.play_matches`.
+        seed: Seeds the matches and the sampled actions.
+        num_envs: Matches at a time.
+        greedy: Take the most probable action instead of sampling.
+        device: Where the policy runs.
+        on_progress: Called with the number of matches finished so far.
+
+    Raises:
+        ConfigError: The density of the agent's reward can't be read.
+        EngineNotInstalledError: gfootball is missing.
+    """
+    config = contestant.config
+    device = torch.device(device)
+    env = make_env(
+        scenario,
+        num_envs=num_envs,
+        reward="analytics" if config is None else make_training_reward(config),
+        observation="simple115" if config is None else config.observation,
+        action_set=contestant.action_set,
+        seed=seed,
+    )
+    cuda = [device] if device.type == "cuda" else []
+    with contextlib.closing(env), torch.random.fork_rng(devices=cuda):
+        torch.manual_seed(seed)
+        return evaluate(
+            env,
+            contestant.policy,
+            episodes,
+            greedy=greedy,
+            device=device,
+            on_progress=on_progress,
+        )
+
+
+def result_row(
+    contestant: Contestant, scenario: str, mode: str, seed: int, evaluation: Evaluation
+) -> Row:
+    """An evaluation as numbers: means over the matches, and the goal difference's interval.
+
+    Args:
+        contestant: Who played.
+        scenario: Where.
+        mode: ``"sample"`` or ``"greedy"``; a baseline has none.
+        seed: Of the matches.
+        evaluation: How it went.
+    """
+    config = contestant.config
+    low, high = evaluation.interval
+    won, drawn, lost = evaluation.results
+    means = {name: _or_none(evaluation.mean(name)) for name in evaluation.matches}
+    means.pop("goal_difference")
+    return {
+        "policy": contestant.name,
+        "reward": None if config is None else config.reward,
+        "preset": None if config is None else config.preset,
+        "trained_on": None if config is None else config.scenario,
+        "seed": None if config is None else config.seed,
+        "frames": contestant.frames,
+        "scenario": scenario,
+        "mode": None if config is None else mode,
+        "evaluation_seed": seed,
+        "matches": len(evaluation.goal_differences),
+        "goal_difference": evaluation.goal_difference,
+        "goal_difference_low": low,
+        "goal_difference_high": high,
+        "won": won,
+        "drawn": drawn,
+        "lost": lost,
+        # The sums over a match are told from the name of the reward, as in the environment.
+        **{EPISODE_PREFIX + k if k.startswith("reward") else k: v for k, v in means.items()},
+    }
+
+
+def pool_seeds(contestants: Sequence[Contestant], rows: Sequence[Row]) -> list[PooledSeeds]:
+    """The seeds of each configuration together, where there are several.
+
+    Args:
+        contestants: Who was evaluated.
+        rows: Their results, all in the same scenarios and modes.
+
+    Raises:
+        RunGroupError: A seed comes twice in a configuration.
+        ImportError: rliable is not installed.
+    """
+    if not any(len(group.runs) > 1 for group in _groups(contestants)):
+        return []
+    modes = list(dict.fromkeys(row["mode"] for row in rows if row["mode"]))
+    return [
+        _pool(group, mode, rows) for group in _groups(contestants) for mode in modes
+    ]  # fmt: skip
+
+
+def improvements(pooled: Sequence[PooledSeeds]) -> list[tuple[PooledSeeds, PooledSeeds, Estimate]]:
+    """How probable it is that a seed of one configuration scores more than one of another.
+
+    Args:
+        pooled: Configurations; those that played with the same mode in the same scenarios are
+            compared.
+
+    Returns:
+        The better one of each pair, the other one, and the probability.
+    """
+    found = []
+    for first, second in itertools.combinations(pooled, 2):
+        if (first.mode, first.scenarios) == (second.mode, second.scenarios):
+            estimate = probability_of_improvement(first.scores, second.scores)
+            if estimate.value < 0.5:
+                first, second = second, first
+                estimate = probability_of_improvement(first.scores, second.scores)
+            found.append((first, second, estimate))
+    return found
+
+
+def training_row(contestant: Contestant, threshold: float, tolerance: float) -> Row | None:
+    """What the log of a training says of its convergence, to stand beside the evaluation.
+
+    Args:
+        contestant: Who was evaluated.
+        threshold: Goal difference that is to be reached and kept.
+        tolerance: How far it may fall below that afterwards.
+
+    Returns:
+        ``frames_until_threshold`` by :func:`fbrl.run_log.frames_until`, and by
+        :func:`fbrl.run_log.paper_goal_difference` the figure at the end of the training; None where
+        there is no log.
+
+    Raises:
+        RunLogError: The log is damaged.
+    """
+    run_dir = Path(contestant.name)
+    if contestant.config is None or not (run_dir / "metrics.csv").is_file():
+        return None
+    log = read_run_log(run_dir)
+    goals = log.metric(GOAL_DIFFERENCE)
+    return {
+        "policy": contestant.name,
+        "frames": int(log.frames[-1]),
+        "threshold": threshold,
+        "tolerance": tolerance,
+        "frames_until_threshold": frames_until(log.frames, goals, threshold, tolerance),
+        "paper_goal_difference": paper_goal_difference(log, int(log.frames[-1])),
+    }
+
+
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _groups(contestants: Sequence[Contestant]) -> list[RunGroup]:
+    return group_runs(
+        RunLog(Path(contestant.name), contestant.config)
+        for contestant in contestants
+        if contestant.config is not None
+    )
+
+
+def _pool(group: RunGroup, mode: str, rows: Sequence[Row]) -> PooledSeeds:
+    scores: dict[str, dict[str, float]] = {str(run.run_dir): {} for run in group.runs}
+    for row in rows:
+        if row["policy"] in scores and row["mode"] == mode:
+            scores[row["policy"]][row["scenario"]] = row["goal_difference"]
+    table = tuple(tuple(seed.values()) for seed in scores.values())
+    scenarios = tuple(next(iter(scores.values())))
+    return PooledSeeds(group.label, mode, len(table), scenarios, table, interquartile_mean(table))
