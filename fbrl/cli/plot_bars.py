@@ -1,0 +1,139 @@
+"""``fbrl-plot bars``: results per scenario and reward."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fbrl.cli.commands import add_command, console
+from fbrl.cli.plot_common import (
+    add_out,
+    add_threshold,
+    check_out,
+    check_tolerance,
+    count,
+    read_runs,
+    save,
+)
+
+if TYPE_CHECKING:
+    from fbrl.figures.bars import Bar
+
+_BARS = """\
+Draw bars for each scenario and reward, as in the thesis's Figures 6.1 to 6.3. The measures:
+
+  goal-difference  on fresh matches, in the scenario trained on: the last evaluation of each run, or
+                   the rows of a table of fbrl-eval --csv
+  convergence      frames until the goal difference of the last 100 training matches reaches
+                   --threshold and keeps it to the end of the run (down to --tolerance below it)
+  generalisation   goal difference in scenarios not trained on: from tables of fbrl-eval --csv
+
+  fbrl-plot bars runs/*/* --out goals.png
+
+  fbrl-plot bars runs/*/* --measure convergence --threshold 0.3 --tolerance 0.1 --out frames.png
+
+  fbrl-plot bars others.csv --measure generalisation --reference thesis.csv --out others.svg
+
+Published numbers stand beside ours as hatched bars where a table gives them:
+
+  scenario,reward,value,measure
+  academy_corner,checkpoints,PUBLISHED_NUMBER,goal-difference
+
+The column measure may be left out. Values are goals per match, or frames for convergence; the
+file's name without its ending stands in the legend."""
+
+
+def add_bars(commands: Any) -> None:
+    """Adds the subcommand."""
+    from fbrl.results import MEASURES
+
+    bars = add_command(commands, "bars", _bars, "draw bars per scenario and reward", _BARS)
+    bars.add_argument(
+        "sources",
+        type=Path,
+        nargs="+",
+        metavar="RUN_OR_TABLE",
+        help="directory of a run, or table of fbrl-eval --csv",
+    )
+    bars.add_argument(
+        "--measure", choices=MEASURES, default=MEASURES[0], help="default: %(default)s"
+    )
+    bars.add_argument(
+        "--mode",
+        choices=("sample", "greedy"),
+        default="sample",
+        help="rows that are taken from tables (default: %(default)s)",
+    )
+    bars.add_argument("--reference", type=Path, metavar="FILE", help="table of published numbers")
+    bars.add_argument("--title", default="", help="above the figure")
+    add_threshold(bars, "goal difference that counts as converged; convergence needs it")
+    add_out(bars)
+
+
+def _bars(options: argparse.Namespace) -> None:
+    from fbrl.figures.bars import bars_figure, pool_results, published_bars
+    from fbrl.results import convergence, final_goal_differences, read_published
+    from fbrl.results import read_evaluation_table as read_table
+    from fbrl.run_groups import group_runs
+
+    check_tolerance(options)
+    _check_sources(options)
+    check_out(options)
+    tables = [path for path in options.sources if path.is_file()]
+    groups = group_runs(
+        read_runs([path for path in options.sources if path not in tables]), always=("reward",)
+    )
+    if options.measure == "convergence":
+        results = convergence(groups, options.threshold, options.tolerance or 0.0)
+    else:
+        results = final_goal_differences(groups)
+        for path in tables:
+            results += read_table(path, options.measure, options.mode)
+    bars = pool_results(results, options.measure)
+    if options.reference is not None:
+        published = read_published(options.reference, options.measure)
+        bars += published_bars(published, options.reference.stem, bars)
+        left_out = len({row.scenario for row in published} - {bar.scenario for bar in bars})
+        if left_out:
+            scenarios = count(left_out, "scenario")
+            console().print(f"{options.reference} has {scenarios} that ours don't play.")
+    _print_bars(bars)
+    save(options, bars_figure(bars, options.measure, options.title))
+
+
+def _check_sources(options: argparse.Namespace) -> None:
+    is_table = [path.is_file() for path in options.sources]
+    if options.measure == "convergence" and any(is_table):
+        raise ValueError(
+            f"{options.sources[is_table.index(True)]} is a file, but convergence is read from the "
+            "log of a training: give the directories of runs."
+        )
+    if options.measure == "convergence" and options.threshold is None:
+        raise ValueError("Convergence is the way to a goal difference: give it as --threshold.")
+    if options.measure != "convergence" and options.threshold is not None:
+        raise ValueError(f"--threshold is for convergence, and the measure is {options.measure}.")
+    if options.measure == "generalisation" and not all(is_table):
+        raise ValueError(
+            f"{options.sources[is_table.index(False)]} is no file, but generalisation is read from "
+            "tables: let agents play other scenarios with fbrl-eval --scenario --csv."
+        )
+
+
+def _print_bars(bars: Sequence[Bar]) -> None:
+    width = max(len(bar.scenario) for bar in bars)
+    agents = max(len(bar.agent) for bar in bars)
+    scenarios = list(dict.fromkeys(bar.scenario for bar in bars))
+    for bar in sorted(bars, key=lambda bar: scenarios.index(bar.scenario)):
+        number = _number(bar.height)
+        interval = "" if bar.low is None else f" [{bar.low:.3f}, {bar.high:.3f}]"
+        seeds = f" ({bar.reached} of {count(len(bar.values), 'seed')})" if bar.values else ""
+        console().print(f"{bar.scenario:{width}}  {bar.agent:{agents}}  {number}{interval}{seeds}")
+
+
+def _number(height: float) -> str:
+    if not math.isfinite(height):
+        return "not reached"
+    return f"{height:,.0f}" if height > 1000 else f"{height:.3f}"

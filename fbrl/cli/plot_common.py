@@ -1,0 +1,84 @@
+"""What the parts of ``fbrl-plot`` share: options, reading runs, writing figures."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fbrl.cli.commands import check_outputs, console
+from fbrl.cli.errors import Parser
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fbrl.run_log import RunLog
+
+
+def add_threshold(parser: Parser, meaning: str) -> None:
+    """Adds ``--threshold`` and ``--tolerance``."""
+    parser.add_argument("--threshold", type=_finite, metavar="VALUE", help=meaning)
+    parser.add_argument(
+        "--tolerance",
+        type=_not_negative,
+        metavar="VALUE",
+        help="how far below the threshold still counts as kept; a mean over 100 matches is noisy "
+        "(default: 0)",
+    )
+
+
+def add_out(parser: Parser) -> None:
+    """Adds ``--out``."""
+    parser.add_argument(
+        "--out", type=Path, nargs="+", required=True, help="figures to write: .png, .svg or both"
+    )
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"{text} is not finite")
+    return number
+
+
+def _not_negative(text: str) -> float:
+    number = _finite(text)
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"{text} is not at least 0")
+    return number
+
+
+def check_tolerance(options: argparse.Namespace) -> None:
+    """Refuses ``--tolerance`` without ``--threshold``."""
+    if options.threshold is None and options.tolerance is not None:
+        raise ValueError("--tolerance is how far below --threshold counts as kept: give both.")
+
+
+def check_out(options: argparse.Namespace) -> None:
+    """Refuses figures that could not be written, before anything is read."""
+    from fbrl.figures.files import check_figure_path
+
+    check_outputs(*map(check_figure_path, options.out))
+
+
+def read_runs(paths: Sequence[Path]) -> list[RunLog]:
+    """The logs of runs."""
+    from fbrl.run_log import read_run_log
+
+    return [read_run_log(path) for path in paths]
+
+
+def save(options: argparse.Namespace, figure: Figure) -> None:
+    """Writes the figure and says where it is."""
+    from fbrl.figures.files import save_figure
+
+    save_figure(figure, *options.out)
+    for path in options.out:
+        console().print(f"Written to {path}")
+
+
+def count(number: int, thing: str) -> str:
+    """Such as "1 seed" or "2 seeds"."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
