@@ -164,8 +164,22 @@ class TrainConfig:
     eval_untrained: bool = False
     """Play as many with the untrained policy first."""
 
+    eval_interval: int = 100_000
+    """Frames between two evaluations during the training, each over a quarter of eval_episodes; 0
+    for none. The training itself stays the same. The presets take 500,000 for the scenarios that
+    last 3000 steps."""
+
+    eval_pictures: bool = True
+    """With each evaluation, show in TensorBoard where the agent has the ball, and a short video of
+    a match; wants pip install 'fbrl[analysis]'."""
+
     ppo: PPOConfig = field(default_factory=PPOConfig)
     """Hyperparameters of PPO."""
+
+    @property
+    def interim_eval_episodes(self) -> int:
+        """Fresh matches of an evaluation during the training."""
+        return math.ceil(self.eval_episodes / 4)
 
     def check(self) -> None:
         """Raises :class:`ConfigError`, or ``UnknownNameError``, for an impossible value."""
@@ -180,6 +194,7 @@ class TrainConfig:
         _check(self, "num_threads", self.num_threads is None or self.num_threads >= 1, "at least 1")
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
         _check(self, "eval_episodes", self.eval_episodes >= 0, "at least 0")
+        _check(self, "eval_interval", self.eval_interval >= 0, "at least 0")
         for name in ("density", "transition"):
             value, default = getattr(self, name), getattr(type(self), name)
             if self.reward != "analytics" and value != default:
@@ -224,18 +239,14 @@ def preset_config(preset: str, scenario: str) -> TrainConfig:
         ValueError: There is no preset of this name.
     """
     check_name("preset", preset, PRESETS)
-    is_long = scenario in SCENARIOS and SCENARIOS[scenario].duration >= 3000
-    eval_episodes = 16 if is_long else TrainConfig.eval_episodes
-    if preset == "light":
-        return TrainConfig(scenario, preset, ppo=_LIGHT, eval_episodes=eval_episodes)
-    is_full_match = scenario.startswith("11_vs_11")
-    return TrainConfig(
-        scenario,
-        preset,
-        observation="minimap",
-        eval_episodes=eval_episodes,
-        ppo=_THESIS_FULL_MATCH if is_full_match else _THESIS_ACADEMY,
-    )
+    config = TrainConfig(scenario, preset, ppo=_LIGHT)
+    if preset == "thesis":
+        is_full_match = scenario.startswith("11_vs_11")
+        ppo = _THESIS_FULL_MATCH if is_full_match else _THESIS_ACADEMY
+        config = dataclasses.replace(config, observation="minimap", ppo=ppo)
+    if scenario in SCENARIOS and SCENARIOS[scenario].duration >= 3000:
+        config = dataclasses.replace(config, eval_episodes=16, eval_interval=500_000)
+    return config
 
 
 def save_config(config: TrainConfig, path: Path) -> None:

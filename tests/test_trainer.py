@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import signal
+import sys
+import time
 
+import numpy as np
+import PIL.Image
 import pytest
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from fbrl.agent import make_model
+from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train import parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.football import FootballVectorEnv
+from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo import trainer
-from fbrl.ppo.trainer import TrainListener, choose_device, train
+from fbrl.ppo.trainer import TrainListener, choose_device, evaluation_is_due, train
 from fbrl.ppo.update import TrainingDivergedError
+from fbrl.run_log import read_run_log
 
+SPEED = ("time/frames_per_second", "time/collect_seconds", "time/update_seconds")
 SMALL = PPOConfig(total_frames=256, num_envs=2, num_steps=32, num_minibatches=2, num_epochs=1)
 
 
@@ -34,7 +44,8 @@ def test_the_command_line_fills_in_the_row_of_the_table_that_the_scenario_has():
     assert (full.ppo.num_steps, full.ppo.num_minibatches) == (1024, 64)
     assert (full.ppo.total_frames, full.ppo.num_epochs) == (5_000_000, 3)
     assert full.observation == "minimap"
-    assert full.eval_episodes == 16
+    assert (full.eval_episodes, full.eval_interval) == (16, 500_000)
+    assert (academy.eval_interval, academy.interim_eval_episodes) == (100_000, 50)
 
 
 def test_options_reach_the_configuration():
@@ -77,32 +88,128 @@ def test_settings_reach_the_environment_and_the_reward(config, monkeypatch):
 
 
 def test_the_evaluation_plays_other_matches_than_the_training(config, monkeypatch):
-    played: dict[str, set[int]] = {"untrained": set(), "training": set(), "trained": set()}
-    phase = ["untrained"]
+    played: dict[int, list[int]] = {}
     original = FootballVectorEnv._next_episode
 
     def next_episode(self, index, seed):
         engine_seed = original(self, index, seed)
-        played[phase[0]].add(engine_seed)
+        played.setdefault(id(self), []).append(engine_seed)
         return engine_seed
 
     monkeypatch.setattr(FootballVectorEnv, "_next_episode", next_episode)
-
-    def on_metrics(frames, metrics):
-        phase[0] = "trained" if frames >= 256 else "training"
-
-    def on_evaluation(which, done, wanted):
-        phase[0] = "training" if which == "untrained" and done >= wanted else phase[0]
-
-    train(
-        dataclasses.replace(config, eval_untrained=True),
-        TrainListener(on_metrics=on_metrics, on_evaluation=on_evaluation),
-    )
-    assert len(played["training"]) >= 4
-    assert len(played["trained"]) >= 4
-    assert played["training"].isdisjoint(played["trained"])
+    train(dataclasses.replace(config, eval_untrained=True, eval_pictures=False))
+    training, evaluation = played.values()
+    assert min(len(training), len(evaluation)) >= 4
+    assert set(training).isdisjoint(evaluation)
     # Before and after on the same fresh matches: the difference is the policy's.
-    assert played["untrained"] & played["trained"]
+    assert len(set(evaluation)) <= len(evaluation) - 4
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory):
+    """A run with two evaluations in between, 100 frames apart, and what its listener was told."""
+    config = dataclasses.replace(
+        TrainConfig("academy_empty_goal_close", eval_episodes=8, eval_interval=100, ppo=SMALL),
+        run_dir=tmp_path_factory.mktemp("evaluated") / "run",
+        ppo=dataclasses.replace(SMALL, total_frames=320),
+    )
+    told = {"metrics": [], "evaluations": set()}
+    listener = TrainListener(
+        on_metrics=lambda frames, metrics: told["metrics"].append(metrics),
+        on_evaluation=lambda which, done, wanted: told["evaluations"].add((which, wanted)),
+    )
+    started = time.perf_counter()
+    train(config, listener)
+    return config, told, time.perf_counter() - started
+
+
+@pytest.mark.parametrize(
+    ("interval", "expected"), [(100, [128, 256]), (64, [64, 128, 192, 256]), (1000, []), (0, [])]
+)
+def test_evaluations_are_due_at_the_batch_that_reaches_the_interval(interval, expected, config):
+    ppo = dataclasses.replace(SMALL, total_frames=320)
+    config = dataclasses.replace(config, eval_interval=interval, ppo=ppo)
+    # Batches of 64 frames; after the last one comes the evaluation of the trained policy.
+    due = [f for f in range(64, 321, 64) if evaluation_is_due(config, f, f - 64)]
+    assert due == expected
+
+
+def test_evaluations_come_in_between_and_at_the_end(evaluated):
+    config, told, _ = evaluated
+    table = read_run_log(config.run_dir).evaluations
+    assert table["frames"].tolist() == [128, 256, 320]
+    assert table["evaluation/matches"].tolist() == [4, 4, 8]
+    assert told["evaluations"] == {("current", 2), ("trained", 8)}
+
+
+def test_evaluations_change_nothing_in_the_training(evaluated, config):
+    other, *_ = evaluated
+    train(dataclasses.replace(config, ppo=other.ppo, eval_episodes=0))
+    one, two = (read_run_log(run.run_dir).metrics for run in (config, other))
+    for name in set(one) - set(SPEED):
+        np.testing.assert_array_equal(one[name], two[name], name)
+    weights, others = (load_checkpoint(run.run_dir)["model"] for run in (config, other))
+    for name, value in weights.items():
+        assert torch.equal(value, others[name]), name
+
+
+def test_the_time_of_evaluations_is_not_in_the_speed(evaluated):
+    config, told, whole = evaluated
+    evaluating = read_run_log(config.run_dir).evaluations["evaluation/seconds"].sum()
+    training = sum(64 / metrics["time/frames_per_second"] for metrics in told["metrics"])
+    assert len(told["metrics"]) == 5
+    assert training + evaluating < whole
+
+
+def test_each_evaluation_draws_where_the_agent_has_the_ball(evaluated):
+    config, *_ = evaluated
+    events = EventAccumulator(str(config.run_dir))
+    events.Reload()
+    pictures = events.Images(BALL_POSITIONS)
+    assert [picture.step for picture in pictures] == [128, 256, 320]
+    image = np.asarray(PIL.Image.open(io.BytesIO(pictures[-1].encoded_image_string)).convert("RGB"))
+    assert image.shape == (pictures[-1].height, pictures[-1].width, 3)
+    # Three pitches in dark blue to yellow, on white.
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 1000
+
+
+def test_each_evaluation_films_a_match(evaluated):
+    config, *_ = evaluated
+    events = EventAccumulator(str(config.run_dir))
+    events.Reload()
+    films = events.Images(MATCH_VIDEO)
+    assert [film.step for film in films] == [128, 256, 320]
+    with PIL.Image.open(io.BytesIO(films[-1].encoded_image_string)) as film:
+        assert (film.format, film.width, film.info["duration"]) == ("GIF", 480, 100)
+        assert 3 <= film.n_frames <= 200
+        first = np.asarray(film.convert("RGB"))
+        film.seek(film.n_frames - 1)
+        assert (np.asarray(film.convert("RGB")) != first).any()
+
+
+def test_without_evaluations_there_are_none_in_between_either(config):
+    result = train(dataclasses.replace(config, eval_episodes=0, eval_interval=64))
+    assert result.trained is None
+    assert read_run_log(config.run_dir).evaluations == {}
+
+
+def test_without_the_extra_pictures_are_left_out_with_one_warning(config, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mplsoccer", None)  # as if it were not installed
+    warned = []
+    result = train(
+        dataclasses.replace(config, eval_interval=128), TrainListener(on_warning=warned.append)
+    )
+    assert result.trained is not None
+    assert len(warned) == 1
+    assert "pip install" in warned[0]
+    assert "--no-eval-pictures" in warned[0]
+
+
+def test_pictures_can_be_turned_off(config):
+    train(dataclasses.replace(config, eval_pictures=False))
+    events = EventAccumulator(str(config.run_dir))
+    events.Reload()
+    assert events.Tags()["images"] == []
 
 
 def test_checkpoints_are_saved_at_each_interval_with_all_that_training_needs(config, monkeypatch):

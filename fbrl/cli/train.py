@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
 import os
 import shlex
-import shutil
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 # Threads that wait for work by spinning would take the cores from the matches; OpenMP reads this
@@ -22,7 +19,7 @@ from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.errors import fail, parsing
-from fbrl.cli.train_display import TrainDisplay
+from fbrl.cli.train_display import TrainDisplay, tensorboard_command
 from fbrl.config import PRESETS, ConfigError, TrainConfig, preset_config
 from fbrl.names import UnknownNameError
 
@@ -78,7 +75,11 @@ def _main(config: TrainConfig) -> None:
     try:
         with TrainDisplay(console, config) as display:
             listener = TrainListener(
-                display.started, display.metrics, display.evaluation, display.postponed
+                display.started,
+                display.metrics,
+                display.evaluation,
+                display.postponed,
+                display.warning,
             )
             result = train(config, listener)
     except (ConfigError, UnknownNameError, EngineNotInstalledError, OSError) as error:
@@ -125,11 +126,7 @@ def report(console: Console, result: TrainResult) -> None:
             console.print(f"Goal difference, {name}: {evaluation} (mean, 95 % interval)")
     ended = "Interrupted" if result.interrupted else "Done"
     where = shlex.quote(str(result.run_dir))
-    # Not on the path where the command was called by its path, as `make train` does.
-    tensorboard = shutil.which("tensorboard") or Path(sys.executable).with_name("tensorboard")
-    with contextlib.suppress(ValueError):
-        tensorboard = Path(tensorboard).relative_to(Path.cwd())
     console.print(
         f"{ended} after {result.frames:,} frames. Everything is in {where}; look at it with: "
-        f"{shlex.quote(str(tensorboard))} --host localhost --logdir {where}"
+        f"{tensorboard_command(result.run_dir)}"
     )

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import shlex
+import shutil
+import sys
 import time
 from collections.abc import Mapping
 from datetime import timedelta
@@ -55,13 +59,18 @@ class TrainDisplay:
         self._console.print(
             f"Training on {config.scenario}: {config.reward} reward, preset {config.preset}, "
             f"{config.ppo.num_envs} matches, {config.ppo.total_frames:,} frames, seed "
-            f"{config.seed}, {device.type}. Ctrl-C saves and ends.\nRun directory: {run_dir}"
+            f"{config.seed}, {device.type}. Ctrl-C saves and ends.\nRun directory: {run_dir}\n"
+            f"Watch it with: {tensorboard_command(run_dir)}"
         )
         self._update("training", 0, config.ppo.total_frames, "frames")
 
     def postponed(self) -> None:
         """Answers a signal that comes in the middle of an update."""
         self._console.print("Ending after this update; Ctrl-C again ends at once, unsaved.")
+
+    def warning(self, line: str) -> None:
+        """Says what goes wrong without ending the training."""
+        self._console.print(f"Warning: {line}")
 
     def metrics(self, frames: int, metrics: Mapping[str, float]) -> None:
         """Shows an iteration's metrics."""
@@ -83,9 +92,9 @@ class TrainDisplay:
 
     def _update(self, description: str, done: int, total: int, status: str) -> None:
         if description not in self._tasks:
-            for task in self._tasks.values():
-                self._bar.update(task, visible=False)
             self._tasks[description] = self._bar.add_task(description, total=total, status=status)
+        for name, task in self._tasks.items():
+            self._bar.update(task, visible=name == description)
         self._bar.update(self._tasks[description], completed=done, total=total, status=status)
 
     def _may_print(self) -> bool:
@@ -94,3 +103,12 @@ class TrainDisplay:
             return False
         self._last_line = now
         return True
+
+
+def tensorboard_command(run_dir: Path) -> str:
+    """What starts TensorBoard on a run, for this machine alone."""
+    # Not on the path where the command was called by its path, as `make train` does.
+    program = Path(shutil.which("tensorboard") or Path(sys.executable).with_name("tensorboard"))
+    with contextlib.suppress(ValueError):
+        program = program.relative_to(Path.cwd())
+    return shlex.join([str(program), "--logdir", str(run_dir), "--host", "localhost"])

@@ -77,18 +77,26 @@ def densities_figure(density: AssistDensity) -> Figure:
     return figure
 
 
-def agent_figure(positions: ArrayLike, density: AssistDensity, title: str) -> Figure:
-    """Where an agent has had the ball, next to the densities that it was paid with.
+def agent_figure(
+    positions: ArrayLike, density: AssistDensity, title: str, *, is_paid: bool = True
+) -> Figure:
+    """Where an agent has had the ball, next to the densities.
 
     Args:
         positions: (n, 2) positions of the ball in pitch units while the agent had it.
         density: the densities.
         title: what is said of the positions.
+        is_paid: whether the densities were the agent's reward.
     """
     figure, axes = _pitches(3)
     _paint_share(figure, axes[0], np.asarray(positions, dtype=np.float64), title)
-    _paint(figure, axes[1], density.start, "Paid for having the ball")
-    _paint(figure, axes[2], density.end, "Paid for receiving a pass")
+    start, end = (
+        ("Paid for having the ball", "Paid for receiving a pass")
+        if is_paid
+        else ("Where assists start", "Where assists end")
+    )
+    _paint(figure, axes[1], density.start, start)
+    _paint(figure, axes[2], density.end, end)
     _sign(axes[-1], _credit(density))
     return figure
 

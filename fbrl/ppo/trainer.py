@@ -5,42 +5,46 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 import torch
-from torchrl.envs import EnvBase
 
 from fbrl.agent import make_model
 from fbrl.checkpoint import CHECKPOINT_NAME, save_checkpoint
 from fbrl.config import ConfigError, TrainConfig, config_to_dict, save_config
 from fbrl.envs.engine import load_gfootball
 from fbrl.envs.factory import make_env, make_reward
-from fbrl.evaluate import Evaluation, evaluate
+from fbrl.evaluate import Evaluation
 from fbrl.interrupt import Interrupt, Interrupted
-from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
+from fbrl.ppo.evaluator import Evaluator
 from fbrl.transforms import ScoringReward
 
 
 @dataclass(frozen=True)
 class TrainListener:
-    """What to call as a training goes on; by default nothing.
+    """What to call as a training goes on; by default nothing, but for the warnings.
 
     Attributes:
         on_start: With the run's directory and the device, once they are there.
         on_metrics: With the frames done and the metrics of each iteration.
-        on_evaluation: With ``"untrained"`` or ``"trained"``, matches done and matches wanted.
+        on_evaluation: With ``"untrained"``, ``"current"`` or ``"trained"``, matches done and
+            matches wanted.
         on_postponed: When a signal has to wait until an update is finished.
+        on_warning: With one line about what goes wrong without ending the training; by default
+            a Python warning.
     """
 
     on_start: Callable[[Path, torch.device], None] = lambda run_dir, device: None
     on_metrics: Callable[[int, Mapping[str, float]], None] = lambda frames, metrics: None
     on_evaluation: Callable[[str, int, int], None] = lambda which, done, wanted: None
     on_postponed: Callable[[], None] = lambda: None
+    on_warning: Callable[[str], None] = lambda line: warnings.warn(line, stacklevel=2)
 
 
 @dataclass(frozen=True)
@@ -90,22 +94,31 @@ def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainRe
         reward=reward,
         observation=config.observation,
         num_threads=config.num_threads,
+        seed=config.seed,
     )
+    evaluator = Evaluator(config, reward, listener.on_warning)
     untrained = trained = None
     with (
         contextlib.closing(env),
+        contextlib.closing(evaluator),
         Interrupt(listener.on_postponed) as interrupt,
-        Monitor(run_dir, reward.part_names) as monitor,
         PPO(env, model, config.ppo) as ppo,
     ):
+        monitor = Monitor(run_dir, config, reward.part_names, listener.on_warning)
+
+        def evaluate(which: str, episodes: int) -> Evaluation:
+            with interrupt.allowed():
+                report = evaluator.play(
+                    model, episodes, lambda done: listener.on_evaluation(which, done, episodes)
+                )
+            monitor.log_evaluation(report.evaluation, ppo.frames, report.seconds, report.images)
+            return report.evaluation
+
         try:
             if config.eval_untrained and config.eval_episodes:
-                with interrupt.allowed():
-                    untrained = _evaluate(config, env, model, "untrained", listener)
-                monitor.log_evaluation(untrained, frames=0)
+                untrained = evaluate("untrained", config.eval_episodes)
 
-            env.set_seed(config.seed)
-            saved_at = 0
+            saved_at = evaluated_at = 0
             while ppo.frames < config.ppo.total_frames:
                 started = time.perf_counter()
                 with interrupt.allowed():
@@ -121,17 +134,32 @@ def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainRe
                     with interrupt.saving():
                         _save(run_dir, config, ppo)
                     saved_at = ppo.frames
+                if evaluation_is_due(config, ppo.frames, evaluated_at):
+                    evaluate("current", config.interim_eval_episodes)
+                    evaluated_at = ppo.frames
 
             with interrupt.saving():
                 _save(run_dir, config, ppo)
             if config.eval_episodes:
-                with interrupt.allowed():
-                    trained = _evaluate(config, env, model, "trained", listener)
-                monitor.log_evaluation(trained, ppo.frames)
+                trained = evaluate("trained", config.eval_episodes)
         except Interrupted:
             with interrupt.saving():
                 _save(run_dir, config, ppo)
     return TrainResult(run_dir, ppo.frames, interrupt.requested, untrained, trained)
+
+
+def evaluation_is_due(config: TrainConfig, frames: int, evaluated_at: int) -> bool:
+    """Whether a multiple of the interval was reached; the end has an evaluation of its own.
+
+    Args:
+        config: The training.
+        frames: Frames learned from so far.
+        evaluated_at: The same at the last evaluation, or at any time since.
+    """
+    interval = config.eval_interval
+    if not (interval and config.eval_episodes) or frames >= config.ppo.total_frames:
+        return False
+    return frames // interval > evaluated_at // interval
 
 
 def choose_device(name: str) -> torch.device:
@@ -175,26 +203,6 @@ def make_run_dir(config: TrainConfig) -> Path:
     if occupied:
         raise ConfigError(f"The run directory {run_dir} is not empty: choose a new one.")
     return run_dir
-
-
-def _evaluate(
-    config: TrainConfig, env: EnvBase, model: ActorCritic, which: str, listener: TrainListener
-) -> Evaluation:
-    """Plays fresh matches in the training's environment, with the policy's sampled actions."""
-    # Other matches than those of the training; and whether an evaluation was played changes
-    # neither the training's matches nor its random numbers.
-    seed = (config.seed + 2**31) % 2**32
-    env.set_seed(seed)
-    device = next(model.parameters()).device
-    with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
-        torch.manual_seed(seed)
-        return evaluate(
-            env,
-            model.get_collection_policy(),
-            config.eval_episodes,
-            device=device,
-            on_progress=lambda done: listener.on_evaluation(which, done, config.eval_episodes),
-        )
 
 
 def _make_reward(config: TrainConfig) -> ScoringReward:

@@ -1,0 +1,87 @@
+"""TensorBoard's event file of a run."""
+
+from __future__ import annotations
+
+import io
+import os
+import socket
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import PIL.Image
+from tensorboard.compat.proto.event_pb2 import Event
+from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.summary.writer.record_writer import RecordWriter
+from torch.utils.tensorboard.summary import custom_scalars, hparams
+
+RGB = 3
+"""TensorBoard's number for a picture's colour space."""
+
+
+class EventFile:
+    """Appends summaries to an event file that TensorBoard reads.
+
+    Instead of ``SummaryWriter``, whose thread prints a traceback of its own when a write fails:
+    here the caller gets the error. It also takes one event for all the scalars of an iteration,
+    and puts hyperparameters into the run itself, where ``SummaryWriter`` makes a run below it.
+
+    Args:
+        run_dir: The run's directory; it must exist.
+    """
+
+    def __init__(self, run_dir: Path) -> None:
+        name = f"events.out.tfevents.{time.time():010.0f}.{socket.gethostname()}.{os.getpid()}"
+        self._path = run_dir / name
+        self._append(Event(wall_time=time.time(), file_version="brain.Event:2"), "xb")
+
+    def add_scalars(self, values: Mapping[str, float], frames: int) -> None:
+        """Adds scalars by their names.
+
+        Raises:
+            OSError: The file can't be written; so do all other methods.
+        """
+        scalars = [Summary.Value(tag=name, simple_value=value) for name, value in values.items()]
+        self._add(Summary(value=scalars), frames)
+
+    def add_image(self, name: str, encoded: bytes, frames: int) -> None:
+        """Adds a picture.
+
+        Args:
+            name: Its name.
+            encoded: A PNG, JPEG or GIF file; TensorBoard shows an animated GIF as a video.
+            frames: Its place on the x axis.
+        """
+        with PIL.Image.open(io.BytesIO(encoded)) as opened:
+            width, height = opened.size
+        image = Summary.Image(
+            height=height, width=width, colorspace=RGB, encoded_image_string=encoded
+        )
+        self._add(Summary(value=[Summary.Value(tag=name, image=image)]), frames)
+
+    def add_layout(self, layout: Mapping[str, Mapping[str, Any]]) -> None:
+        """Adds the charts of the page Custom Scalars, as ``SummaryWriter.add_custom_scalars``."""
+        self._add(custom_scalars(layout), 0)
+
+    def add_hyperparameters(
+        self, values: Mapping[str, float | str], metrics: tuple[str, ...]
+    ) -> None:
+        """Adds what the run's row on the page HParams shows.
+
+        Args:
+            values: The hyperparameters.
+            metrics: Names of the scalars whose last values are shown beside them.
+        """
+        experiment, start, _ = hparams(dict(values), dict.fromkeys(metrics))
+        self._add(experiment, 0)
+        self._add(start, 0)
+
+    def _add(self, summary: Summary, frames: int) -> None:
+        self._append(Event(wall_time=time.time(), step=frames, summary=summary), "ab")
+
+    def _append(self, event: Event, mode: str) -> None:
+        # Opened anew each time, as TensorBoard's own writer does: nothing is left to be flushed
+        # at the end, and a directory that has gone is noticed.
+        with self._path.open(mode) as file:
+            RecordWriter(file).write(event.SerializeToString())

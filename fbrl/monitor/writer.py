@@ -1,0 +1,174 @@
+"""The monitor of a training: TensorBoard's events and the tables of a run."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from tensordict import TensorDictBase
+
+from fbrl.config import TrainConfig
+from fbrl.monitor.event_file import EventFile
+from fbrl.monitor.layout import chart_layout
+from fbrl.monitor.names import ACTION_TAGS
+from fbrl.monitor.recent_matches import RecentMatches
+
+if TYPE_CHECKING:
+    from fbrl.evaluate import Evaluation
+
+GOAL_DIFFERENCE_NAMES = (
+    "evaluation/goal_difference",
+    "evaluation/goal_difference_low",
+    "evaluation/goal_difference_high",
+)
+"""The mean and its interval: what runs are compared by on TensorBoard's page HParams."""
+
+FRESH_FIGURES = (
+    "goals_for",
+    "goals_against",
+    "length",
+    "possession_share",
+    "passes",
+    "shots",
+)
+"""What else is logged of fresh matches, see :class:`fbrl.evaluate.Evaluation`."""
+
+
+class Monitor:
+    """Writes what a training does into TensorBoard's events and, for pandas, into CSV tables.
+
+    ``metrics.csv`` has a row for each iteration, ``evaluations.csv`` one for each evaluation, with
+    the names of the scalars as columns. A file that can't be written any more is left alone after
+    one warning: a training outlives its log.
+
+    Args:
+        run_dir: The run's directory; it must exist.
+        config: What is trained; its values are the run's hyperparameters in TensorBoard.
+        reward_parts: Names of the reward's parts, as its transform gives them.
+        on_warning: Called with one line when something can't be logged.
+
+    Raises:
+        OSError: Nothing can be written into the directory to begin with.
+    """
+
+    def __init__(
+        self,
+        run_dir: Path,
+        config: TrainConfig,
+        reward_parts: tuple[str, ...],
+        on_warning: Callable[[str], None],
+    ) -> None:
+        self._run_dir = run_dir
+        self._on_warning = on_warning
+        self._given_up: set[str] = set()
+        self._recent = RecentMatches(reward_parts)
+        rewards = tuple(name for name in self._recent.names if name.startswith("reward/"))
+        self._events = EventFile(run_dir)
+        self._events.add_layout(chart_layout(rewards))
+        self._events.add_hyperparameters(hyperparameters(config), GOAL_DIFFERENCE_NAMES)
+
+    def log_iteration(
+        self,
+        frames: int,
+        batch: TensorDictBase,
+        losses: Mapping[str, float],
+        collect_seconds: float,
+        update_seconds: float,
+    ) -> dict[str, float]:
+        """Writes the metrics of an iteration and returns them by name.
+
+        Until the first match has ended there are none of ``match``, ``reward`` and ``play``.
+
+        Args:
+            frames: Frames learned from so far, the x axis.
+            batch: What was collected, shape (num_envs, num_steps).
+            losses: What :meth:`fbrl.ppo.algorithm.PPO.learn` returned.
+            collect_seconds: Time that collection took.
+            update_seconds: Time that learning took.
+        """
+        self._recent.add(batch)
+        of_iteration = {
+            **_action_shares(batch),
+            **{f"ppo/{name}": value for name, value in losses.items()},
+            "time/frames_per_second": batch.numel() / (collect_seconds + update_seconds),
+            "time/collect_seconds": collect_seconds,
+            "time/update_seconds": update_seconds,
+        }
+        metrics = {**self._recent.means(), **of_iteration}
+        self._write_events(self._events.add_scalars, metrics, frames)
+        columns = ["frames", *self._recent.names, *of_iteration]
+        self._write_row("metrics.csv", columns, {"frames": frames, **metrics})
+        return metrics
+
+    def log_evaluation(
+        self, evaluation: Evaluation, frames: int, seconds: float, images: Mapping[str, bytes]
+    ) -> None:
+        """Writes the results of fresh matches.
+
+        Args:
+            evaluation: The matches.
+            frames: Frames that the policy had learned from.
+            seconds: Time that they took.
+            images: Pictures of them by name, as PNG or GIF files.
+        """
+        goals = (evaluation.goal_difference, *evaluation.interval)
+        metrics = {
+            **dict(zip(GOAL_DIFFERENCE_NAMES, goals, strict=True)),
+            **{f"evaluation/{figure}": evaluation.mean(figure) for figure in FRESH_FIGURES},
+            "evaluation/matches": len(evaluation.goal_differences),
+            "evaluation/seconds": seconds,
+        }
+        self._write_events(self._events.add_scalars, metrics, frames)
+        for name, encoded in images.items():
+            self._write_events(self._events.add_image, name, encoded, frames)
+        self._write_row("evaluations.csv", ["frames", *metrics], {"frames": frames, **metrics})
+
+    def _write_events(self, add: Callable[..., None], *arguments: Any) -> None:
+        self._write("TensorBoard's events", add, *arguments)
+
+    def _write_row(self, name: str, columns: list[str], row: Mapping[str, float]) -> None:
+        self._write(name, _append_row, self._run_dir / name, columns, row)
+
+    def _write(self, what: str, write: Callable[..., None], *arguments: Any) -> None:
+        if what in self._given_up:
+            return
+        try:
+            write(*arguments)
+        except OSError as error:
+            self._given_up.add(what)
+            self._on_warning(
+                f"{what} can't be written any more ({error}). The training goes on without."
+            )
+
+
+def hyperparameters(config: TrainConfig) -> dict[str, float | str]:
+    """The configuration without its directory as flat names, such as ``ppo.gamma``."""
+    values = dataclasses.asdict(config)
+    del values["run_dir"]
+    values |= {f"ppo.{name}": value for name, value in values.pop("ppo").items()}
+    return {name: _number_or_text(value) for name, value in values.items()}
+
+
+def _number_or_text(value: Any) -> float | str:
+    if isinstance(value, (list, tuple)):
+        return " ".join(map(str, value))
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return value if is_number else str(value)
+
+
+def _action_shares(batch: TensorDictBase) -> dict[str, float]:
+    actions = batch.get("action").reshape(-1)
+    counts = torch.bincount(actions, minlength=len(ACTION_TAGS))
+    return dict(zip(ACTION_TAGS, (counts / len(actions)).tolist(), strict=True))
+
+
+def _append_row(path: Path, columns: list[str], row: Mapping[str, float]) -> None:
+    with path.open("a", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, columns)
+        if not file.tell():
+            table.writeheader()
+        table.writerow(row)
