@@ -4,13 +4,13 @@ SCENARIO ?= academy_3_vs_1_with_keeper
 PRESET ?= light
 FRAMES ?= 400000
 SEED ?= 0
-# More options for fbrl-train, e.g. ARGS="--num-envs 4 --device cpu"
+# More options for fbrl-train, e.g. ARGS="--num-envs 4 --device cpu", or for bench
 ARGS ?=
 
 BIN := .venv/bin
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup train test lint clean
+.PHONY: help setup train test lint bench clean
 
 help: ## List the targets
 	@echo "Targets:"
@@ -33,6 +33,10 @@ lint: setup ## Style, format and type checks
 
 test: lint ## All checks: lint and the test suite
 	$(BIN)/pytest
+
+bench: setup ## Measure the speed against its peers and write docs/performance.md: ARGS="--quick"
+	@scripts/setup.sh --default-engine
+	$(BIN)/python -m benchmarks $(ARGS)
 
 clean: ## Remove .venv and build leftovers (not runs/, not the cache of compiled engines)
 	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,173 @@
+"""Collection, and whole trainings against Stable-Baselines3's PPO on gfootball's own environment.
+
+Both sides collect and learn with the same network, hyperparameters, number of matches and size of
+minibatches. Start-up and the first iteration are left out on both sides.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fbrl.config import TrainConfig
+
+
+def training_config(
+    scenario: str, network: str, num_steps: int, iterations: int, device: str, seed: int
+) -> TrainConfig:
+    """The configuration of a preset, with batches that a benchmark can wait for.
+
+    Args:
+        scenario: What is trained on.
+        network: ``"cnn"``: the preset thesis. ``"mlp"``: the preset light.
+        num_steps: Steps of each match between two updates. The minibatches keep the preset's
+            size, as far as the batch has so many frames.
+        iterations: Batches to collect and learn from.
+        device: Of the network.
+        seed: Of everything.
+    """
+    from fbrl.config import preset_config
+
+    config = preset_config("thesis" if network == "cnn" else "light", scenario)
+    batch = config.ppo.num_envs * num_steps
+    ppo = dataclasses.replace(
+        config.ppo,
+        num_steps=num_steps,
+        minibatch_size=min(batch, config.ppo.frames_per_minibatch),
+        total_frames=batch * iterations,
+    )
+    return dataclasses.replace(config, ppo=ppo, device=device, seed=seed, eval_episodes=0)
+
+
+def fbrl_training(
+    scenario: str, network: str, num_steps: int, iterations: int, device: str, seed: int
+) -> dict[str, float]:
+    """Trains as ``fbrl-train`` does, with the analytics reward, logging and all.
+
+    Returns:
+        ``frames_per_second``.
+    """
+    from fbrl.ppo.trainer import TrainListener, train
+
+    config = training_config(scenario, network, num_steps, iterations, device, seed)
+    ends: list[float] = []
+    listener = TrainListener(on_metrics=lambda *_: ends.append(time.perf_counter()))
+    with tempfile.TemporaryDirectory(prefix="fbrl-benchmark-") as directory:
+        train(dataclasses.replace(config, run_dir=Path(directory) / "run"), listener)
+    return _frames_per_second(config, ends)
+
+
+def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> dict[str, float]:
+    """Collects as a training of the preset light does, without learning.
+
+    Args:
+        scenario: What is played.
+        num_envs: Number of matches.
+        seconds: How long to collect, after the first batch.
+        seed: Of matches and network.
+
+    Returns:
+        ``frames_per_second``, resets of matches included.
+    """
+    import torch
+
+    from fbrl.agent import make_model
+    from fbrl.config import PPOConfig, preset_config
+    from fbrl.envs import make_env
+    from fbrl.ppo.algorithm import PPO
+
+    torch.manual_seed(seed)
+    config = preset_config("light", scenario)
+    env = make_env(
+        scenario,
+        num_envs=num_envs,
+        reward=config.reward,
+        observation=config.observation,
+        seed=seed,
+    )
+    model = make_model(config, torch.device("cpu"))
+    with PPO(env, model, PPOConfig(num_envs=num_envs, num_steps=32)) as ppo:
+        ppo.collect()
+        frames = 0
+        started = time.perf_counter()
+        while time.perf_counter() - started < seconds:
+            frames += ppo.collect().numel()
+        took = time.perf_counter() - started
+    env.close()
+    return {"frames_per_second": frames / took}
+
+
+def stable_baselines3_training(
+    scenario: str, network: str, num_steps: int, iterations: int, device: str, seed: int
+) -> dict[str, float]:
+    """Trains with Stable-Baselines3 in processes, as its documentation recommends.
+
+    Returns:
+        ``frames_per_second``.
+    """
+    import stable_baselines3
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    from benchmarks.gfootball_env import GFootballEnv
+    from benchmarks.stable_baselines3_network import ImpalaFeatures, MLPFeatures
+
+    config = training_config(scenario, network, num_steps, iterations, device, seed)
+    ppo = config.ppo
+    is_cnn = network == "cnn"
+    arguments = {
+        "scenario": scenario,
+        "representation": "extracted" if is_cnn else "simple115v2",
+        "stacked": is_cnn,
+    }
+    env = make_vec_env(
+        GFootballEnv, ppo.num_envs, seed=seed, env_kwargs=arguments, vec_env_cls=SubprocVecEnv
+    )
+    algorithm = stable_baselines3.PPO(
+        "CnnPolicy" if is_cnn else "MlpPolicy",
+        env,
+        n_steps=ppo.num_steps,
+        batch_size=ppo.frames_per_minibatch,
+        n_epochs=ppo.num_epochs,
+        learning_rate=lambda left: ppo.learning_rate * left,
+        gamma=ppo.gamma,
+        gae_lambda=ppo.gae_lambda,
+        clip_range=ppo.clip_epsilon,
+        normalize_advantage=ppo.normalize_advantage,
+        ent_coef=ppo.entropy_coeff,
+        vf_coef=ppo.critic_coeff,
+        max_grad_norm=ppo.max_grad_norm,
+        policy_kwargs={
+            "features_extractor_class": ImpalaFeatures if is_cnn else MLPFeatures,
+            # The heads follow the features directly, as ours do.
+            "net_arch": [],
+            # The network has its own initialisation.
+            "ortho_init": False,
+        },
+        seed=seed,
+        device=device,
+    )
+    starts: list[float] = []
+
+    class Clock(BaseCallback):
+        def _on_step(self) -> bool:
+            return True
+
+        def _on_rollout_start(self) -> None:
+            starts.append(time.perf_counter())
+
+    algorithm.learn(ppo.total_frames, callback=Clock())
+    ends = [*starts[1:], time.perf_counter()]
+    env.close()
+    return _frames_per_second(config, ends)
+
+
+def _frames_per_second(config: TrainConfig, ends: list[float]) -> dict[str, float]:
+    """From the times at which the iterations ended, the first one left out."""
+    frames: Any = config.ppo.frames_per_batch * (len(ends) - 1)
+    return {"frames_per_second": frames / (ends[-1] - ends[0])}
