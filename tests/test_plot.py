@@ -71,10 +71,13 @@ class TestCurves:
             assert part in text
 
     def test_a_threshold_tells_when_each_run_reached_it(self, run):
-        arguments = ("--threshold", "0.25", "--out", "c.svg")
-        printed = run("curves", "a0", "a1", "b0", *arguments).out
-        assert "  a0: 0.25 kept from 200,000 frames on\n" in printed
-        assert "  b0: 0.25 not reached and kept\n" in printed
+        arguments = ("curves", "a0", "b0", "--threshold", "0.1", "--out", "c.svg")
+        printed = run(*arguments).out
+        assert "  a0: 0.1 kept from 200,000 frames on\n" in printed
+        # From 0.1 it falls to 0, which the tolerance forgives unless it is told not to.
+        assert "  b0: 0.1 kept from 200,000 frames on\n" in printed
+        printed = run(*arguments, "--tolerance", "0").out
+        assert "  b0: 0.1 not reached and kept\n" in printed
 
     def test_labels_title_metric_and_smoothing_reach_the_figure(self, run, directory):
         printed = run(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from written_runs import GOALS, write_run, write_table
 
@@ -85,7 +86,7 @@ class TestEvaluationTable:
     AT_HOME = ("run", "analytics", CORNER, 3, CORNER, "sample")
     AWAY = ("run", "analytics", CORNER, 3, SHOOT, "sample")
     GREEDY = ("run", "analytics", CORNER, 3, SHOOT, "greedy")
-    RANDOM = ("random", "", "", "", SHOOT, "sample")
+    RANDOM = ("random", "", "", "", SHOOT, "")
 
     def test_generalisation_is_where_the_agent_was_not_trained(self, table):
         path = table(self.AT_HOME, self.AWAY, self.GREEDY)
@@ -108,6 +109,26 @@ class TestEvaluationTable:
         assert [(result.agent, result.seed) for result in results] == [
             ("analytics", 3),
             ("random", None),
+        ]
+
+    def test_what_an_evaluation_writes_is_read(self, tmp_path):
+        from fbrl.comparison import Contestant, baseline, result_row
+        from fbrl.config import TrainConfig
+        from fbrl.evaluate import Evaluation
+
+        evaluation = Evaluation({"goal_difference": np.array([1.0, 0.0, 1.0, 0.0])})
+        agent = Contestant("run", lambda data: data, config=TrainConfig(CORNER, seed=3))
+        rows = [
+            result_row(contestant, SHOOT, "greedy", 7, evaluation)
+            for contestant in (agent, baseline("random"))
+        ]
+        path = write_table(
+            tmp_path / "eval.csv", {name: [row[name] for row in rows] for name in rows[0]}
+        )
+        low, high = evaluation.interval
+        assert read_evaluation_table(path, "generalisation", "greedy") == [
+            Result(SHOOT, "analytics", "analytics", 3, 0.5, low, high),
+            Result(SHOOT, "random", "", None, 0.5, low, high),
         ]
 
     def test_agents_of_several_schools_are_told_apart(self, table):

@@ -17,6 +17,11 @@ _DESCRIPTION = """\
 Draw figures for papers from what fbrl-train and fbrl-eval have written, as PNG or SVG by the name's
 ending; several names give several files. Needs pip install 'fbrl[analysis]'."""
 
+_EPILOG = """\
+examples (more of them: fbrl-plot curves --help, fbrl-plot bars --help):
+  fbrl-plot curves runs/academy_3_vs_1_with_keeper/* --out curves.png curves.svg
+  fbrl-plot bars runs/*/* --out goals.png"""
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if it was interrupted."""
@@ -32,7 +37,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog=PROGRAM, description=_DESCRIPTION, allow_abbrev=False)
+    parser = Parser(
+        prog=PROGRAM,
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
     commands = parser.add_subparsers(metavar="{curves,bars}", required=True)
     add_curves(commands)
     add_bars(commands)

@@ -33,7 +33,7 @@ Draw bars for each scenario and reward, as in the thesis's Figures 6.1 to 6.3. T
 
   fbrl-plot bars runs/*/* --out goals.png
 
-  fbrl-plot bars runs/*/* --measure convergence --threshold 0.3 --tolerance 0.1 --out frames.png
+  fbrl-plot bars runs/*/* --measure convergence --threshold 0.3 --out frames.png
 
   fbrl-plot bars others.csv --measure generalisation --reference thesis.csv --out others.svg
 
@@ -87,7 +87,7 @@ def _bars(options: argparse.Namespace) -> None:
         read_runs([path for path in options.sources if path not in tables]), always=("reward",)
     )
     if options.measure == "convergence":
-        results = convergence(groups, options.threshold, options.tolerance or 0.0)
+        results = convergence(groups, options.threshold, options.tolerance)
     else:
         results = final_goal_differences(groups)
         for path in tables:
@@ -129,7 +129,8 @@ def _print_bars(bars: Sequence[Bar]) -> None:
     for bar in sorted(bars, key=lambda bar: scenarios.index(bar.scenario)):
         number = _number(bar.height)
         interval = "" if bar.low is None else f" [{bar.low:.3f}, {bar.high:.3f}]"
-        seeds = f" ({bar.reached} of {count(len(bar.values), 'seed')})" if bar.values else ""
+        is_trained = bar.values and bar.reward
+        seeds = f" ({bar.reached} of {count(len(bar.values), 'seed')})" if is_trained else ""
         console().print(f"{bar.scenario:{width}}  {bar.agent:{agents}}  {number}{interval}{seeds}")
 
 

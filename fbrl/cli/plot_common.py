@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from fbrl.run_log import RunLog
 
 
+DEFAULT_TOLERANCE = 0.1
+
+
 def add_threshold(parser: Parser, meaning: str) -> None:
     """Adds ``--threshold`` and ``--tolerance``."""
     parser.add_argument("--threshold", type=_finite, metavar="VALUE", help=meaning)
@@ -24,8 +27,8 @@ def add_threshold(parser: Parser, meaning: str) -> None:
         "--tolerance",
         type=_not_negative,
         metavar="VALUE",
-        help="how far below the threshold still counts as kept; a mean over 100 matches is noisy "
-        "(default: 0)",
+        help="how far below the threshold still counts as kept, as the mean of 100 matches is "
+        f"noisy (default: {DEFAULT_TOLERANCE}, as in fbrl-eval)",
     )
 
 
@@ -51,9 +54,11 @@ def _not_negative(text: str) -> float:
 
 
 def check_tolerance(options: argparse.Namespace) -> None:
-    """Refuses ``--tolerance`` without ``--threshold``."""
+    """Fills in ``--tolerance``, and refuses it without ``--threshold``."""
     if options.threshold is None and options.tolerance is not None:
         raise ValueError("--tolerance is how far below --threshold counts as kept: give both.")
+    if options.tolerance is None:
+        options.tolerance = DEFAULT_TOLERANCE
 
 
 def check_out(options: argparse.Namespace) -> None:

@@ -32,7 +32,7 @@ the line is the mean of the seeds, the band its 95 % bootstrap interval. A singl
 
   fbrl-plot curves a-0 a-1 b-0 b-1 --label "with densities" "goals alone" --out ablation.svg
 
-  fbrl-plot curves runs/academy_corner/* --threshold 0.3 --tolerance 0.1 --out corner.png"""
+  fbrl-plot curves runs/academy_corner/* --threshold 0.3 --out corner.png"""
 
 
 def add_curves(commands: Any) -> None:
@@ -112,9 +112,7 @@ def _tell_convergence(group: RunGroup, options: argparse.Namespace) -> None:
     if options.threshold is None:
         return
     for run in group.runs:
-        reached = frames_until(
-            *run.curve(options.metric), options.threshold, options.tolerance or 0.0
-        )
+        reached = frames_until(*run.curve(options.metric), options.threshold, options.tolerance)
         told = "not reached and kept" if reached is None else f"kept from {reached:,} frames on"
         console().print(f"  {run.run_dir}: {options.threshold:g} {told}")
 

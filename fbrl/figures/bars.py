@@ -229,5 +229,5 @@ def _note(bars: Sequence[Bar], measure: str) -> str | None:
     if max(counts) > 1:
         over.append("over seeds (dots)")
     if 1 in counts:
-        over.append("over the matches of one seed")
+        over.append("over the matches of one agent")
     return f"95 % intervals {', or '.join(over)}"
