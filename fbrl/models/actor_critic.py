@@ -88,7 +88,8 @@ class CollectionPolicy(TensorDictModuleBase):
 
     The same numbers as the operators of :class:`ActorCritic`, from one call of the trunk, without
     building distributions and without writing ``hidden`` and ``logits``, which a collector would
-    store. Nothing it writes requires gradients.
+    store. Nothing it writes requires gradients. The tensordict may be on another device than the
+    parameters: only the observation, and what is written, are moved.
 
     Actions are sampled, or the most probable ones under
     ``torchrl.envs.set_exploration_type(ExplorationType.DETERMINISTIC)``.
@@ -103,8 +104,8 @@ class CollectionPolicy(TensorDictModuleBase):
     def __init__(
         self,
         trunk: nn.Module,
-        policy_head: nn.Module,
-        value_head: nn.Module,
+        policy_head: nn.Linear,
+        value_head: nn.Linear,
         observation_key: NestedKey,
     ) -> None:
         super().__init__()
@@ -117,14 +118,16 @@ class CollectionPolicy(TensorDictModuleBase):
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Adds ``action``, ``action_log_prob`` and ``state_value``."""
-        hidden = self.trunk(tensordict.get(self.in_keys[0]))
+        observation = tensordict.get(self.in_keys[0])
+        hidden = self.trunk(observation.to(self.value_head.weight.device, non_blocking=True))
         logits = self.policy_head(hidden)
         # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
         log_probs = logits - logits.logsumexp(-1, keepdim=True)
         action = _choose(log_probs)
-        tensordict.set("action", action)
-        tensordict.set("action_log_prob", log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1))
-        tensordict.set("state_value", self.value_head(hidden))
+        log_prob = log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1)
+        tensordict.set("action", action.to(observation.device))
+        tensordict.set("action_log_prob", log_prob.to(observation.device))
+        tensordict.set("state_value", self.value_head(hidden).to(observation.device))
         return tensordict
 
 

@@ -21,7 +21,8 @@ def add_next_state_value(batch: TensorDictBase, value_operator: TensorDictModule
         batch: Shape (num_envs, num_steps) with ``state_value`` (num_envs, num_steps, 1), the
             observation under ``"next"`` and the flags ``("next", "done")`` and
             ``("next", "terminated")``.
-        value_operator: Maps the observation to ``state_value``.
+        value_operator: Maps the observation to ``state_value``; it may be on another device than
+            the batch, and only those last states are moved to it.
     """
     state_value = batch.get("state_value")
     following = batch.get("next")
@@ -33,7 +34,8 @@ def add_next_state_value(batch: TensorDictBase, value_operator: TensorDictModule
     unknown &= ~following.get("terminated")
     index = unknown.squeeze(-1).nonzero(as_tuple=True)
     cut_off = following.select(*value_operator.in_keys)[index]
-    next_value[index] = value_operator(cut_off).get("state_value")
+    device = next((p.device for p in value_operator.parameters()), state_value.device)
+    next_value[index] = value_operator(cut_off.to(device)).get("state_value").to(state_value.device)
     following.set("state_value", next_value)
 
 
