@@ -49,7 +49,6 @@ def collect(
 
 
 def _make_collector(scenario: str, vectorisation: str, num_envs: int, policy: Any) -> Any:
-    import torch
     from torchrl.collectors import MultiSyncCollector
 
     from fbrl.collect import make_collector
@@ -69,7 +68,6 @@ def _make_collector(scenario: str, vectorisation: str, num_envs: int, policy: An
         _make_env(scenario, vectorisation, num_envs),
         policy,
         frames_per_batch=frames_per_batch,
-        device=torch.device("cpu"),
     )
 
 
