@@ -3,42 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any, Literal, TypeVar
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from fbrl.envs.engine import FIRST_EPISODE, MAX_SEED, NUM_ACTIONS, Match
+from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS, Match, StepResult
+from fbrl.envs.episode_seeds import EpisodeSeeds, check_seed, draw_seed, spread_seed
 from fbrl.envs.match_row import RowLayout
+from fbrl.envs.match_threads import MatchThreads
 from fbrl.envs.observation import Observation, select_space
 from fbrl.envs.scenarios import check_scenario
 from fbrl.names import check_name
-
-Result = TypeVar("Result")
 
 ActionSet = Literal["default", "v2"]
 """Gfootball's names: 19 actions, or these and :data:`~fbrl.envs.engine.BUILTIN_AI`."""
 
 _ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
-
-# gfootball draws its own seeds from this range: scenario_builder.py.
-_LARGEST_DRAWN_SEED = 2_000_000_000
-
-
-def _check_seed(seed: Any) -> int:
-    if not isinstance(seed, (int, np.integer)) or not 0 <= seed <= MAX_SEED:
-        raise ValueError(f"Seed {seed!r} is not an integer in [0, {MAX_SEED}].")
-    return int(seed)
-
-
-def _draw_seed(np_random: np.random.Generator) -> int:
-    return int(np_random.integers(_LARGEST_DRAWN_SEED, endpoint=True))
 
 
 class FootballEnv(gymnasium.Env[Observation, np.int64]):
@@ -95,10 +80,10 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         Raises:
             ValueError: The seed is out of range.
         """
-        engine_seed = None if seed is None else _check_seed(seed)
+        engine_seed = None if seed is None else check_seed(seed)
         super().reset(seed=engine_seed)
         if engine_seed is None:
-            engine_seed = _draw_seed(self.np_random)
+            engine_seed = draw_seed(self.np_random)
             self._episode_number += 1
         else:
             self._episode_number = FIRST_EPISODE
@@ -185,11 +170,9 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._matches = [Match(scenario) for _ in range(num_envs)]
         self._layout = RowLayout(self.single_observation_space)
         self._rows = self._layout.rows(num_envs)
-        self._np_randoms = [seeding.np_random()[0] for _ in range(num_envs)]
-        self._episode_numbers = [FIRST_EPISODE - 1] * num_envs
-        self._engine_seeds = [0] * num_envs
+        self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
-        self._pool = ThreadPoolExecutor(max(1, self.num_threads - 1), "match")
+        self._threads = MatchThreads(self.num_threads)
 
     def reset(
         self,
@@ -212,16 +195,17 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         seeds = self._spread_seed(seed)
         chosen = np.flatnonzero(mask).tolist()
         # Seeds are drawn here, in order, so that they don't depend on the threads' timing.
-        engine_seeds = [self._next_episode(index, seeds[index]) for index in chosen]
-        self._in_threads(self._reset_match, chosen, engine_seeds)
+        for index in chosen:
+            self._episodes[index].advance(seeds[index])
+        self._threads.map(self._reset_match, chosen)
         info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
-        info["engine_seed"][chosen] = engine_seeds
+        info["engine_seed"][chosen] = [self._episodes[index].engine_seed for index in chosen]
         return self._layout.split(self._rows), info
 
     @property
     def episodes(self) -> list[tuple[int, int]]:
         """Engine seed and number of each match's episode, which decide all but the actions."""
-        return list(zip(self._engine_seeds, self._episode_numbers, strict=True))
+        return [(episode.engine_seed, episode.number) for episode in self._episodes]
 
     def step(
         self, actions: np.ndarray
@@ -236,7 +220,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             RuntimeError: A match has not begun or has ended.
         """
         actions = self._check_actions(actions)
-        results = self._in_threads(self._step_match, range(self.num_envs), actions.tolist())
+        results = self._threads.map(self._step_match, range(self.num_envs), actions.tolist())
         return (
             self._layout.split(self._rows),
             np.array([result.reward for result in results], np.float32),
@@ -247,62 +231,23 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the threads and hands the engines on to the next matches of this process."""
-        self._pool.shutdown()
+        self._threads.close()
         for match in self._matches:
             match.close()
 
-    def _in_threads(
-        self, function: Callable[[int, int], Result], indices: Sequence[int], values: Sequence[int]
-    ) -> list[Result]:
-        """Calls the function for each match; every thread takes the next one that is left."""
-        results: dict[int, Result] = {}
-        left = iter(list(zip(indices, values, strict=True)))
-
-        def work() -> None:
-            for index, value in left:
-                results[index] = function(index, value)
-
-        # This thread takes part, instead of waiting for one more.
-        others = [self._pool.submit(work) for _ in range(min(self.num_threads, len(indices)) - 1)]
-        try:
-            work()
-        finally:
-            # Whatever went wrong here, no match is left being stepped behind the caller's back.
-            wait(others)
-        for other in others:
-            other.result()
-        return [results[index] for index in indices]
-
-    def _reset_match(self, index: int, engine_seed: int) -> None:
-        match = self._matches[index]
-        self._engine_seeds[index] = engine_seed
-        match.reset(engine_seed, self._episode_numbers[index])
+    def _reset_match(self, index: int) -> None:
+        match, episode = self._matches[index], self._episodes[index]
+        match.reset(episode.engine_seed, episode.number)
         match.read(self._rows[index], self._layout)
 
-    def _step_match(self, index: int, action: int) -> Any:
+    def _step_match(self, index: int, action: int) -> StepResult:
         match = self._matches[index]
         result = match.step(action)
         match.read(self._rows[index], self._layout)
         return result
 
-    def _next_episode(self, index: int, seed: int | None) -> int:
-        """Counts the episode of a match and returns its engine seed."""
-        if seed is not None:
-            self._np_randoms[index] = seeding.np_random(seed)[0]
-            self._episode_numbers[index] = FIRST_EPISODE
-            return seed
-        self._episode_numbers[index] += 1
-        return _draw_seed(self._np_randoms[index])
-
     def _spread_seed(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, (int, np.integer)):
-            children = np.random.SeedSequence(_check_seed(seed)).spawn(self.num_envs)
-            return [int(child.generate_state(1)[0]) for child in children]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"There are {len(seed)} seeds for {self.num_envs} matches.")
-        return [None if one is None else _check_seed(one) for one in seed]
+        return spread_seed(seed, self.num_envs)
 
     def _check_mask(self, mask: Any) -> np.ndarray:
         if mask is None:
