@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,7 @@ def _training(axes: Any, result: SectionResults) -> None:
     names = [sections.FBRL, sections.PEER, sections.PEER + sections.ON_OUR_ENGINE]
     bars = {name: [result.summary(case, name, FRAMES) for case in result.cases] for name in names}
     _grouped_bars(axes, result.cases, bars)
+    axes.set_yscale("log")
     axes.set_title("Frames per second of a training")
 
 
@@ -89,13 +90,17 @@ def _grouped_bars(axes: Any, cases: list[str], bars: Mapping[str, list[Summary |
     width = 0.8 / len(bars)
     for index, (name, summaries) in enumerate(bars.items()):
         known = [(n + index * width, s) for n, s in enumerate(summaries) if s]
-        _error_bars(axes.bar, [x for x, _ in known], [s for _, s in known], label=name, width=width)
+        if known:
+            x, drawn = zip(*known, strict=True)
+            _error_bars(axes.bar, x, drawn, label=name, width=width)
     middle = 0.8 / 2 - width / 2
     axes.set_xticks([n + middle for n in range(len(cases))], [_label(case) for case in cases])
     axes.legend(frameon=False, fontsize=8)
 
 
-def _error_bars(draw: Any, x: list[float], summaries: list[Summary], **options: Any) -> None:
+def _error_bars(
+    draw: Any, x: Sequence[float], summaries: Sequence[Summary], **options: Any
+) -> None:
     """Medians, with lines from the lowest to the highest value."""
     medians = [s.median for s in summaries]
     below = [s.median - s.low for s in summaries]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import time
+from collections.abc import Callable
 from typing import Any
 
 VECTORISATIONS = ("threads", "MultiSyncCollector", "ParallelEnv", "AsyncVectorEnv")
@@ -29,45 +31,49 @@ def collect(
     """
     import torch
 
+    from fbrl.config import PPOConfig
     from fbrl.models.actor_critic import build_actor_critic
+    from fbrl.ppo.algorithm import PPO
 
     # Spawned processes would import everything for seconds each; once they run there is no
     # difference.
     torch.multiprocessing.set_start_method("fork", force=True)
     torch.manual_seed(seed)
-    policy = build_actor_critic("simple115", activation="relu").get_collection_policy()
-    collector = _make_collector(scenario, vectorisation, num_envs, policy)
-    batches = iter(collector)
-    next(batches)
+    model = build_actor_critic("simple115", activation="relu")
+    collect_batch: Callable[[], Any]
+    with contextlib.ExitStack() as stack:
+        if vectorisation == "MultiSyncCollector":
+            collector = _make_multi_sync_collector(scenario, num_envs, model)
+            stack.callback(collector.shutdown)
+            collect_batch = functools.partial(next, iter(collector))
+        else:
+            env = _make_env(scenario, vectorisation, num_envs)
+            stack.callback(env.close)
+            config = PPOConfig(num_envs=num_envs, num_steps=_STEPS_PER_BATCH)
+            collect_batch = stack.enter_context(PPO(env, model, config)).collect
+        return {"frames_per_second": _frames_per_second(collect_batch, seconds)}
+
+
+def _frames_per_second(collect_batch: Callable[[], Any], seconds: float) -> float:
+    collect_batch()
     frames = 0
     started = time.perf_counter()
     while time.perf_counter() - started < seconds:
-        frames += next(batches).numel()
-    took = time.perf_counter() - started
-    collector.shutdown()
-    return {"frames_per_second": frames / took}
+        frames += collect_batch().numel()
+    return frames / (time.perf_counter() - started)
 
 
-def _make_collector(scenario: str, vectorisation: str, num_envs: int, policy: Any) -> Any:
+def _make_multi_sync_collector(scenario: str, num_envs: int, model: Any) -> Any:
     from torchrl.collectors import MultiSyncCollector
 
-    from fbrl.collect import make_collector
-
-    frames_per_batch = num_envs * _STEPS_PER_BATCH
-    if vectorisation == "MultiSyncCollector":
-        return MultiSyncCollector(
-            [functools.partial(_make_env, scenario, "single", 1)] * num_envs,
-            policy,
-            frames_per_batch=frames_per_batch,
-            total_frames=-1,
-            trust_policy=True,
-            auto_register_policy_transforms=False,
-            cat_results="stack",
-        )
-    return make_collector(
-        _make_env(scenario, vectorisation, num_envs),
-        policy,
-        frames_per_batch=frames_per_batch,
+    return MultiSyncCollector(
+        [functools.partial(_make_env, scenario, "single", 1)] * num_envs,
+        model.get_collection_policy(),
+        frames_per_batch=num_envs * _STEPS_PER_BATCH,
+        total_frames=-1,
+        trust_policy=True,
+        auto_register_policy_transforms=False,
+        cat_results="stack",
     )
 
 

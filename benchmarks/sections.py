@@ -62,8 +62,8 @@ FULL = Scale(
     cnn_steps=64,
     mlp_steps=128,
     iterations=2,
-    # One whole batch and its updates, with everything else as the preset has it.
-    memory_arguments=("--preset", "thesis", "--total-frames", "4096", "--eval-episodes", "0"),
+    # One whole batch and its updates, and an evaluation, for which there are more matches.
+    memory_arguments=("--preset", "thesis", "--total-frames", "4096", "--eval-episodes", "8"),
 )
 
 _TINY_TRAINING = "--total-frames 64 --num-steps 8 --minibatch-size 32 --eval-episodes 0"
