@@ -195,11 +195,10 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         seeds = self._spread_seed(seed)
         chosen = np.flatnonzero(mask).tolist()
         # Seeds are drawn here, in order, so that they don't depend on the threads' timing.
-        for index in chosen:
-            self._episodes[index].advance(seeds[index])
+        engine_seeds = [self._next_episode(index, seeds[index]) for index in chosen]
         self._threads.map(self._reset_match, chosen)
         info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
-        info["engine_seed"][chosen] = [self._episodes[index].engine_seed for index in chosen]
+        info["engine_seed"][chosen] = engine_seeds
         return self._layout.split(self._rows), info
 
     @property
@@ -234,6 +233,11 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._threads.close()
         for match in self._matches:
             match.close()
+
+    def _next_episode(self, index: int, seed: int | None) -> int:
+        """Goes on to the next episode of a match and returns its engine seed."""
+        self._episodes[index].advance(seed)
+        return self._episodes[index].engine_seed
 
     def _reset_match(self, index: int) -> None:
         match, episode = self._matches[index], self._episodes[index]
