@@ -8,7 +8,6 @@ from typing import Any
 from torchrl.envs import (
     Compose,
     ExcludeTransform,
-    GymWrapper,
     RewardSum,
     StepCounter,
     Transform,
@@ -17,6 +16,7 @@ from torchrl.envs import (
 
 from fbrl.envs.football import ActionSet, FootballVectorEnv
 from fbrl.envs.observation import OBSERVATION_SPACE
+from fbrl.envs.torchrl_matches import FootballMatches
 from fbrl.names import check_name
 from fbrl.transforms import (
     AssistDensityReward,
@@ -122,7 +122,7 @@ def make_env(
     matches = FootballVectorEnv(
         scenario, num_envs, num_threads, observation_keys=needed | kept, action_set=action_set
     )
-    env = GymWrapper(matches, categorical_action_encoding=True, device="cpu")
+    env = FootballMatches(matches, categorical_action_encoding=True, device="cpu")
     sums = ["reward", *reward_transform.part_names]
     env = TransformedEnv(
         env,

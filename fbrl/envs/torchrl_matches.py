@@ -1,0 +1,42 @@
+"""The vector environment as a TorchRL environment."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.envs import GymWrapper
+
+
+class FootballMatches(GymWrapper):
+    """TorchRL's wrapper of a :class:`~fbrl.envs.FootballVectorEnv`, with a step of its own.
+
+    The arrays of a step have the dtypes and the shapes that the specs promise and belong to the
+    caller already, so the tensors share their memory. ``GymWrapper`` looks up and encodes each
+    entry, which at 8 matches takes several times as long.
+
+    Takes the arguments of ``GymWrapper``.
+
+    Examples:
+        >>> from fbrl.envs import FootballVectorEnv
+        >>> matches = FootballVectorEnv("academy_empty_goal", num_envs=2)
+        >>> env = FootballMatches(matches, categorical_action_encoding=True, device="cpu")
+        >>> env.rollout(3)["next", "ball"].shape
+        torch.Size([2, 3, 3])
+    """
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        observation, reward, terminated, truncated, _ = self._env.step(
+            tensordict.get("action").numpy()
+        )
+        arrays = {
+            **observation,
+            "reward": reward[:, None],
+            "terminated": terminated[:, None],
+            "truncated": truncated[:, None],
+            "done": (terminated | truncated)[:, None],
+        }
+        return TensorDict(
+            {key: torch.from_numpy(array) for key, array in arrays.items()},
+            batch_size=self.batch_size,
+            device=self.device,
+        )
