@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import resource
+import signal
+
 import imageio.v3 as iio
 import numpy as np
 import pytest
@@ -70,8 +73,26 @@ def test_what_can_be_no_video_is_refused(tmp_path):
         ("nowhere/match.mp4", coloured_frames(), "no directory"),
         ("folder.mp4", coloured_frames(), "is a directory"),
         ("empty.mp4", [], "no frames"),
+        ("odd.mp4", coloured_frames(shape=(91, 122)), "even sizes"),
+        ("floats.mp4", [np.zeros((10, 10, 3))], "float64"),
         ("sizes.mp4", odd, r"Frame 1 is of shape \(12, 10, 3\)"),
     ):
         with pytest.raises(ValueError, match=message):
             write_video(tmp_path / name, frames)
     assert [path.name for path in tmp_path.iterdir()] == ["folder.mp4"]
+
+
+@pytest.mark.parametrize("name", ["match.mp4", "match.gif"])
+def test_a_full_disk_is_an_error_and_leaves_no_file(tmp_path, name):
+    noise = np.random.default_rng(0).integers(0, 255, (40, 256, 256, 3), np.uint8)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # Writing beyond the limit fails, as on a full disk.
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="The video can't be written: ffmpeg ended with"):
+            write_video(tmp_path / name, noise)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert list(tmp_path.iterdir()) == []

@@ -106,6 +106,7 @@ class Match:
 
     Args:
         scenario: Name of a scenario module in ``gfootball.scenarios``.
+        engine: The started engine that it is played in; by default one that no match uses.
 
     Raises:
         EngineNotInstalledError: gfootball can't be imported.
@@ -114,13 +115,13 @@ class Match:
     GIL while it computes, so that several matches run in parallel threads of one process.
     """
 
-    def __init__(self, scenario: str) -> None:
+    def __init__(self, scenario: str, engine: Any = None) -> None:
         self.scenario = scenario
         self._gfootball = load_gfootball()
         actions = self._gfootball.action_set
         self._backend_actions = [a._backend_action for a in actions.action_set_v2]
         self._sticky_actions = [a._backend_action for a in actions.action_set_v1 if a._sticky]
-        self._engine = _acquire_engine(self._gfootball)
+        self._engine = engine or _acquire_engine(self._gfootball)
         self._release = weakref.finalize(self, _idle_engines.append, self._engine)
         self._normal_mode = int(self._gfootball.engine.e_GameMode.e_GameMode_Normal)
         self._running = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fbrl.watch.canvas import Colour, arrow, circle, rectangle, text
+from fbrl.watch.canvas import Colour, arrow, circle, rectangle, text, text_width
 from fbrl.watch.recording import MatchRecording
 
 ACTION_NAMES = (
@@ -35,6 +35,8 @@ GAME_MODES = ("", "kick-off", "goal kick", "free kick", "corner", "throw-in", "p
 """Names of ``game_mode``; normal play needs none."""
 
 SECONDS_PER_STEP = 0.1
+
+_SMALLEST_LETTERS = 7
 
 _TEXT: Colour = (232, 237, 242)
 _FAINT: Colour = (132, 143, 155)
@@ -72,8 +74,11 @@ class Header:
 
     def draw_names(self, frame: np.ndarray, recording: MatchRecording) -> None:
         """Draws what stays the same through a match."""
-        middle, size = self._height / 2, 0.32 * self._height
-        text(frame, (0.35 * self._height, middle), recording.scenario, size, _FAINT)
+        middle, left, size = self._height / 2, 0.35 * self._height, 0.32 * self._height
+        room = self._width / 2 - 1.7 * self._height - left
+        size = min(size, size * room / text_width(recording.scenario, size))
+        if size >= _SMALLEST_LETTERS:
+            text(frame, (left, middle), recording.scenario, size, _FAINT)
         for side, colour in ((-1, _LEFT), (1, _RIGHT)):
             centre = (self._width / 2 + side * 1.35 * self._height, middle)
             circle(frame, centre, 0.16 * self._height, colour)

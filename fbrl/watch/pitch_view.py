@@ -32,6 +32,8 @@ PASS_STEPS = 25
 # No ball flies this far in a step; it was put there, after a goal say.
 _JUMP_METRES = 10.0
 
+_SMALLEST_UNIT = 0.62
+
 _OUTLINE: Colour = (15, 20, 25)
 _CREDIT: Colour = (190, 215, 196)
 _TEAMS = (("left_team", LEFT_COLOUR), ("right_team", RIGHT_COLOUR))
@@ -59,7 +61,8 @@ class PitchView:
     def __init__(self, density: AssistDensity | None, width: int = 960) -> None:
         if width < MIN_WIDTH or width % 2:
             raise ValueError(f"width is {width}; an even number of at least {MIN_WIDTH} is needed.")
-        unit = width / 960
+        # Letters stop shrinking before they can't be read.
+        unit = max(width / 960, _SMALLEST_UNIT)
         self._pixels_per_metre = width / (LENGTH + 2 * MARGIN)
         self._header_height = round(52 * unit)
         pitch_height = round((WIDTH + 2 * MARGIN) * self._pixels_per_metre)

@@ -6,24 +6,21 @@ import contextlib
 import os
 import subprocess
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 ENDINGS = (".mp4", ".gif")
 
-_H264 = {
-    "codec": "libx264",
-    "pixelformat": "yuv420p",
-    "output_params": ["-preset", "veryfast", "-crf", "20", "-movflags", "+faststart"],
-}
-_LOSSLESS = {
-    "codec": "libx264rgb",
-    "pixelformat": "rgb24",
-    "output_params": ["-preset", "ultrafast", "-crf", "0"],
-}
+# Players take colours without a tag for those of BT.709 or BT.601, as they like.
+_TAGGED = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709")
+_H264 = (
+    *("-vf", "scale=out_color_matrix=bt709", "-c:v", "libx264", "-pix_fmt", "yuv420p"),
+    *_TAGGED,
+    *("-preset", "veryfast", "-crf", "20", "-movflags", "+faststart"),
+)
+_LOSSLESS = ("-c:v", "libx264rgb", "-preset", "ultrafast", "-crf", "0")
 _PALETTE = "palettegen=max_colors=160:stats_mode=full"
 # Dithering would change every pixel in every frame, and so make the file many times as large.
 _USE_PALETTE = "[0:v][1:v]paletteuse=dither=none:diff_mode=rectangle"
@@ -48,6 +45,16 @@ def check_video_path(path: str | os.PathLike[str]) -> Path:
     path = Path(path)
     if path.suffix.lower() not in ENDINGS:
         raise ValueError(f"{path}: a video's name must end in {' or '.join(ENDINGS)}.")
+    return check_directory(path)
+
+
+def check_directory(path: Path) -> Path:
+    """The path, if a file can be written to it.
+
+    Raises:
+        ValueError: It is a directory, or its directory is missing.
+        OSError: Its directory can't be written to.
+    """
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give the name of a file.")
     if not path.absolute().parent.is_dir():
@@ -71,8 +78,8 @@ def write_video(
         The number of frames.
 
     Raises:
-        ValueError: The ending is unknown, there are no frames, or their sizes differ.
-        MissingExtraError: imageio or its ffmpeg is missing.
+        ValueError: The ending is unknown, there are no frames, their sizes differ or are odd.
+        MissingExtraError: imageio-ffmpeg is missing.
         OSError: The file can't be written.
 
     Whatever goes wrong, also in the iterable of frames, leaves no file behind and an older one
@@ -90,61 +97,88 @@ def write_video(
     return count
 
 
-def _encode(path: Path, frames: Iterable[np.ndarray], fps: float, options: dict[str, Any]) -> int:
-    writer: Any = None
-    shape = None
+def _encode(path: Path, frames: Iterable[np.ndarray], fps: float, options: Sequence[str]) -> int:
     count = 0
-    try:
+    with contextlib.ExitStack() as stack:
         for frame in frames:
-            if writer is None:
-                writer, shape = _open(path, fps, options), frame.shape
+            if not count:
+                shape = _check_shape(frame)
+                size = f"{shape[1]}x{shape[0]}"
+                raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(fps), "-i", "-")
+                encoder = stack.enter_context(_Encoder([*raw, *options, str(path)]))
             if frame.shape != shape:
                 raise ValueError(f"Frame {count} is of shape {frame.shape}, the first of {shape}.")
-            writer.append_data(np.ascontiguousarray(frame))
+            encoder.write(np.ascontiguousarray(frame).data)
             count += 1
-    except BaseException:
-        # An encoder that is broken off may complain too, which must not hide the reason.
-        if writer is not None:
-            with contextlib.suppress(Exception):
-                writer.close()
-        raise
-    if writer is None:
-        raise ValueError("There are no frames to make a video of.")
-    writer.close()
+        if not count:
+            raise ValueError("There are no frames to make a video of.")
+        encoder.finish()
     return count
 
 
-def _open(path: Path, fps: float, options: dict[str, Any]) -> Any:
-    try:
-        import imageio
-        import imageio_ffmpeg  # noqa: F401  (without it imageio names none of our extras)
-    except ImportError as error:
-        raise MissingExtraError(error) from error
-    return imageio.get_writer(
-        path,
-        format="FFMPEG",
-        fps=fps,
-        quality=None,
-        # imageio would otherwise scale the frames to multiples of 16 pixels.
-        macro_block_size=2,
-        ffmpeg_log_level="error",
-        **options,
-    )
+def _check_shape(frame: np.ndarray) -> tuple[int, ...]:
+    if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
+        raise ValueError(f"Frames are {frame.dtype} of shape {frame.shape}, not uint8 (h, w, 3).")
+    if frame.shape[0] % 2 or frame.shape[1] % 2:
+        raise ValueError(f"Frames are of shape {frame.shape}; H.264 needs even sizes.")
+    return frame.shape
 
 
 def _convert_to_gif(video: Path) -> Path:
     """One palette for all frames, which needs a look at all of them before the first is written."""
     palette, gif = video.with_name("palette.png"), video.with_name("video.gif")
-    _run_ffmpeg("-i", video, "-vf", _PALETTE, palette)
-    _run_ffmpeg("-i", video, "-i", palette, "-filter_complex", _USE_PALETTE, gif)
+    passes: list[list[str | Path]] = [
+        ["-i", video, "-vf", _PALETTE, palette],
+        ["-i", video, "-i", palette, "-filter_complex", _USE_PALETTE, gif],
+    ]
+    for arguments in passes:
+        with _Encoder(arguments) as encoder:
+            encoder.finish()
     return gif
 
 
-def _run_ffmpeg(*arguments: str | Path) -> None:
-    import imageio_ffmpeg
+class _Encoder:
+    """ffmpeg as imageio-ffmpeg brings it along, with its exit code and its complaints heeded."""
 
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
-    if done.returncode != 0:
-        reason = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-        raise OSError(f"ffmpeg couldn't make the GIF: {reason[-1]}")
+    def __init__(self, arguments: Sequence[str | Path]) -> None:
+        try:
+            from imageio_ffmpeg import get_ffmpeg_exe
+        except ImportError as error:
+            raise MissingExtraError(error) from error
+        self._errors = tempfile.TemporaryFile("w+", errors="replace")  # noqa: SIM115
+        self._process = subprocess.Popen(
+            [get_ffmpeg_exe(), "-v", "error", *map(str, arguments)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self._errors,
+            # Ctrl-C is answered here.
+            start_new_session=True,
+        )
+
+    def __enter__(self) -> _Encoder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        with contextlib.suppress(OSError):
+            self._process.communicate()
+        self._errors.close()
+
+    def write(self, pixels: memoryview) -> None:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(pixels)
+        except OSError:
+            self.finish()
+
+    def finish(self) -> None:
+        """Waits for the file to be whole."""
+        with contextlib.suppress(OSError):
+            self._process.communicate()
+        if self._process.returncode != 0:
+            self._errors.seek(0)
+            lines = self._errors.read().strip().splitlines() or ["it said nothing"]
+            raise OSError(
+                f"The video can't be written: ffmpeg ended with {self._process.returncode}, "
+                f"{lines[-1]}."
+            )

@@ -1,0 +1,324 @@
+"""``fbrl-watch RUN_OR_CHECKPOINT``: a video of matches that an agent plays."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+# As in fbrl.cli.train: waiting threads must not take the cores from the matches.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from fbrl.cli.errors import Parser, fail
+from fbrl.envs.scenarios import check_scenario
+from fbrl.watch.video import MissingExtraError, check_directory, check_video_path, write_video
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from fbrl.density import AssistDensity
+    from fbrl.watch.recording import MatchRecording
+    from fbrl.watch.views import View
+
+PROGRAM = "fbrl-watch"
+INTERRUPTED = 130
+# Of fbrl.policies, whose import takes seconds.
+POLICIES = ("random", "idle", "builtin-ai")
+WIDTHS = {"2d": 960, "3d": 640, "both": 1280}
+SMALLEST_WIDTHS = {"2d": 320, "3d": 320, "both": 640}
+LARGEST_WIDTH = 3840
+TRIES_PER_GOAL = 50
+
+_DESCRIPTION = """\
+Play matches with a trained agent and make a video of them, without a display: from above with the
+densities that the reward uses and its parts as they come in, as the engine draws it, or both side
+by side. The same seed gives the same video."""
+
+_EPILOG = """\
+examples:
+  fbrl-watch runs/academy_3_vs_1_with_keeper/my-run --out match.mp4
+  fbrl-watch my-run --only goals --episodes 3 --view both --out goals.mp4
+  fbrl-watch my-run --width 480 --only goals --out goal.gif
+  fbrl-watch my-run --save-replay match.npz && fbrl-watch --replay match.npz --view 3d
+  fbrl-watch --policy builtin-ai --scenario academy_counterattack_hard"""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command; ends the process with 0, 2 on bad input, or 130 if interrupted."""
+    # Whoever ends the command, it tidies up behind itself.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        _main(_parser().parse_args(arguments))
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog=PROGRAM,
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("run", nargs="?", type=Path, metavar="RUN_OR_CHECKPOINT")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("match.mp4"),
+        metavar="FILE",
+        help="video to write, .mp4 or .gif (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--view",
+        choices=tuple(WIDTHS),
+        default="2d",
+        help="from above, the engine's own picture, or both side by side (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--width",
+        type=int,
+        metavar="PIXELS",
+        help=f"of the video, {SMALLEST_WIDTHS['2d']} to {LARGEST_WIDTH}, a multiple of 4 "
+        "(default: 960, for 3d 640, for both 1280)",
+    )
+    parser.add_argument(
+        "--fps", type=_fps, default=10.0, help="frames a second; 10 is real time (default: 10)"
+    )
+
+    played = parser.add_argument_group("matches that are played")
+    played.add_argument("--episodes", type=_positive, help="how many (default: 1)")
+    played.add_argument(
+        "--only",
+        choices=["goals"],
+        help="leave out matches without a goal of either side; at most "
+        f"{TRIES_PER_GOAL} are played for each one wanted",
+    )
+    played.add_argument("--scenario", help="default: the one trained on")
+    played.add_argument(
+        "--mode",
+        choices=("sample", "greedy"),
+        help="sample the actions, or take the most probable ones (default: sample)",
+    )
+    played.add_argument("--seed", type=_seed, help="of the matches and actions (default: 0)")
+    played.add_argument("--device", help="auto, cpu, cuda (default: auto)")
+    played.add_argument(
+        "--policy", choices=POLICIES, help="instead of an agent; asks for --scenario"
+    )
+    played.add_argument(
+        "--save-replay", type=Path, metavar="FILE", help="keep the matches too, for --replay"
+    )
+    parser.add_argument(
+        "--replay", type=Path, metavar="FILE", help="show the matches of this file instead"
+    )
+    return parser
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
+    return value
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if not 0 <= value < 2**32:
+        raise argparse.ArgumentTypeError(f"{value} is not in [0, 2**32 - 1]")
+    return value
+
+
+def _fps(text: str) -> float:
+    value = float(text)
+    if not 1 <= value <= 100:
+        raise argparse.ArgumentTypeError(f"{value:g} is not in [1, 100]")
+    return value
+
+
+def _main(options: argparse.Namespace) -> None:
+    started = time.monotonic()
+    try:
+        _check(options)
+        # Seconds of imports, which a mistyped option needn't wait for.
+        from fbrl.envs import EngineNotInstalledError
+        from fbrl.watch.engine_view import RenderingError
+
+        _check_extra()
+    except (ValueError, OSError, ImportError) as error:
+        fail(PROGRAM, error)
+    try:
+        matches, frames = _make_video(options)
+    except (
+        ValueError,
+        OSError,
+        EngineNotInstalledError,
+        RenderingError,
+        MissingExtraError,
+    ) as error:
+        fail(PROGRAM, error)
+    print(
+        f"{options.out}: {matches} {'match' if matches == 1 else 'matches'}, {frames} frames "
+        f"({frames / options.fps:.1f} s), made in {time.monotonic() - started:.1f} s"
+    )
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuses, before anything is played, what can't come to an end."""
+    given = [name for name in ("run", "policy", "replay") if getattr(options, name) is not None]
+    if len(given) != 1:
+        raise ValueError(
+            "Give one of RUN_OR_CHECKPOINT, --policy and --replay"
+            f"{', not several' if given else ''} (see {PROGRAM} --help)."
+        )
+    if options.replay is not None:
+        for name in ("episodes", "scenario", "mode", "seed", "device", "save_replay"):
+            if getattr(options, name) is not None:
+                option = f"--{name.replace('_', '-')}"
+                raise ValueError(f"{option} is for matches that are played, not for --replay.")
+    if options.policy is not None and options.scenario is None:
+        raise ValueError("--policy needs a --scenario: no agent says which one.")
+    if options.scenario is not None:
+        check_scenario(options.scenario)
+    if options.width is None:
+        options.width = WIDTHS[options.view]
+    smallest = SMALLEST_WIDTHS[options.view]
+    if not smallest <= options.width <= LARGEST_WIDTH or options.width % 4:
+        raise ValueError(
+            f"--width is {options.width}; for --view {options.view} it must be a multiple of 4 in "
+            f"[{smallest}, {LARGEST_WIDTH}]."
+        )
+    check_video_path(options.out)
+    if options.save_replay is not None:
+        check_directory(options.save_replay)
+
+
+def _check_extra() -> None:
+    try:
+        import cv2  # noqa: F401
+        import imageio_ffmpeg  # noqa: F401
+        import mplsoccer  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(error) from error
+
+
+def _make_video(options: argparse.Namespace) -> tuple[int, int]:
+    """Plays, draws and writes; returns the numbers of matches and of frames."""
+    from fbrl.watch.replay_file import save_replay
+    from fbrl.watch.views import open_view
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[status]}"))
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        matches, density = _matches(options, progress)
+        shown: list[MatchRecording] = []
+        with open_view(options.view, options.width, density) as view:
+            frames = _frames(options, view, matches, shown, progress)
+            count = write_video(options.out, frames, options.fps)
+        if options.save_replay is not None:
+            save_replay(options.save_replay, shown, density)
+    return len(shown), count
+
+
+def _matches(
+    options: argparse.Namespace, progress: Progress
+) -> tuple[Iterable[MatchRecording], AssistDensity | None]:
+    """The matches to show, played as they are asked for, and the density of their reward."""
+    if options.replay is not None:
+        from fbrl.envs.engine import load_gfootball
+        from fbrl.watch.replay_file import load_replay
+
+        if options.view != "2d":
+            load_gfootball()
+        return load_replay(options.replay)
+    from fbrl.transforms import AssistDensityReward
+    from fbrl.watch.recording import record_matches
+
+    player = _player(options)
+    task = progress.add_task("", total=None, status="")
+
+    def show(finished: int, steps: int) -> None:
+        progress.update(task, description=f"playing match {finished + 1}", status=f"step {steps}")
+
+    wanted = options.episodes or 1
+    reward = player["reward"]
+    matches = record_matches(
+        **player,
+        episodes=wanted * TRIES_PER_GOAL if options.only else wanted,
+        seed=options.seed or 0,
+        greedy=options.mode == "greedy",
+        on_progress=show,
+    )
+    return matches, reward.density if isinstance(reward, AssistDensityReward) else None
+
+
+def _player(options: argparse.Namespace) -> dict[str, Any]:
+    """Who plays what, by the names of :func:`record_matches`'s arguments."""
+    from fbrl.envs.factory import make_reward
+
+    if options.policy is not None:
+        from fbrl.policies import make_policy
+
+        return {
+            "policy": make_policy(options.policy),
+            "scenario": options.scenario,
+            "observation": "simple115",
+            "reward": make_reward("analytics"),
+        }
+    from fbrl.agent import load_agent
+    from fbrl.ppo.trainer import choose_device
+
+    device = choose_device(options.device or "auto")
+    agent = load_agent(options.run, device)
+    config = agent.config
+    analytics = {"density": config.density, "transition": config.transition}
+    return {
+        "policy": agent.model.get_collection_policy(),
+        "scenario": options.scenario or config.scenario,
+        "observation": config.observation,
+        "reward": make_reward(config.reward, **analytics if config.reward == "analytics" else {}),
+        "device": device,
+    }
+
+
+def _frames(
+    options: argparse.Namespace,
+    view: View,
+    matches: Iterable[MatchRecording],
+    shown: list[MatchRecording],
+    progress: Progress,
+) -> Iterator[np.ndarray]:
+    """The frames of the matches that are wanted, which are added to ``shown`` one by one."""
+    from fbrl.watch.captions import captioned_frames
+
+    wanted = len(matches) if isinstance(matches, list) else options.episodes or 1
+    task = progress.add_task("", total=None, status="")
+    played = 0
+    for match in matches:
+        played += 1
+        if options.only == "goals" and not sum(match.score):
+            continue
+        shown.append(match)
+        title = f"match {len(shown)}" + (f" of {wanted}" if wanted > 1 else "")
+        progress.reset(task, total=match.num_steps, description=f"drawing match {len(shown)}")
+        frames = captioned_frames(view, match, title, options.fps)
+        for index, frame in enumerate(frames):
+            progress.update(task, completed=index, status=f"frame {index}")
+            yield frame
+        if len(shown) == wanted:
+            return
+    if not shown:
+        raise ValueError(
+            f"None of {played} matches had a goal. Try another --seed, --mode or --scenario, or "
+            "leave out --only goals."
+        )
