@@ -11,7 +11,7 @@ from torchrl.envs import ExplorationType, exploration_type
 from watching import SCENARIO, SHORT_PASS, SHOT, pass_and_shoot, random_player, recorded_matches
 
 from fbrl.envs.engine import FIRST_EPISODE, Match
-from fbrl.envs.observation import empty_rows, select_space, split_rows
+from fbrl.envs.match_row import RowLayout
 from fbrl.names import UnknownNameError
 from fbrl.watch.passes import completed_passes
 from fbrl.watch.recording import RECORDED_KEYS, record_matches
@@ -40,17 +40,17 @@ def test_a_recording_holds_every_state_and_what_happened_between_them():
 
 
 def test_the_engine_plays_a_recording_again():
-    space = select_space(RECORDED_KEYS)
+    layout = RowLayout(RECORDED_KEYS)
     for recording in recorded_matches():
         match = Match(recording.scenario)
         match.reset(recording.engine_seed, recording.episode_number)
-        rows = empty_rows(recording.num_steps + 1)
-        match.read(rows[0])
+        rows = layout.rows(recording.num_steps + 1)
+        match.read(rows[0], layout)
         for index, action in enumerate(recording.actions.tolist(), start=1):
             match.step(action)
-            match.read(rows[index])
+            match.read(rows[index], layout)
         match.close()
-        for key, again in split_rows(rows, space).items():
+        for key, again in layout.split(rows).items():
             np.testing.assert_array_equal(again, recording.observations[key], err_msg=key)
 
 

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 # As in fbrl.cli.train: waiting threads must not take the cores from the matches.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
-
+from fbrl.allocator import preload_tcmalloc
+from fbrl.cli.commands import check_outputs
 from fbrl.cli.errors import Parser, fail
+from fbrl.cli.watch_display import WatchDisplay
 from fbrl.envs.scenarios import check_scenario
-from fbrl.watch.video import MissingExtraError, check_directory, check_video_path, write_video
+from fbrl.watch.video import MissingExtraError, check_video_path, write_video
 
 if TYPE_CHECKING:
     import numpy as np
@@ -56,7 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Whoever ends the command, it tidies up behind itself.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        _main(_parser().parse_args(arguments))
+        options = _parser().parse_args(arguments)
+        preload_tcmalloc(PROGRAM)
+        _main(options)
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED)
@@ -198,7 +200,7 @@ def _check(options: argparse.Namespace) -> None:
         )
     check_video_path(options.out)
     if options.save_replay is not None:
-        check_directory(options.save_replay)
+        check_outputs(options.save_replay)
 
 
 def _check_extra() -> None:
@@ -215,15 +217,11 @@ def _make_video(options: argparse.Namespace) -> tuple[int, int]:
     from fbrl.watch.replay_file import save_replay
     from fbrl.watch.views import open_view
 
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[status]}"))
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        matches, density = _matches(options, progress)
+    with WatchDisplay() as display:
+        matches, density = _matches(options, display)
         shown: list[MatchRecording] = []
         with open_view(options.view, options.width, density) as view:
-            frames = _frames(options, view, matches, shown, progress)
+            frames = _frames(options, view, matches, shown, display)
             count = write_video(options.out, frames, options.fps)
         if options.save_replay is not None:
             save_replay(options.save_replay, shown, density)
@@ -231,7 +229,7 @@ def _make_video(options: argparse.Namespace) -> tuple[int, int]:
 
 
 def _matches(
-    options: argparse.Namespace, progress: Progress
+    options: argparse.Namespace, display: WatchDisplay
 ) -> tuple[Iterable[MatchRecording], AssistDensity | None]:
     """The matches to show, played as they are asked for, and the density of their reward."""
     if options.replay is not None:
@@ -245,11 +243,6 @@ def _matches(
     from fbrl.watch.recording import record_matches
 
     player = _player(options)
-    task = progress.add_task("", total=None, status="")
-
-    def show(finished: int, steps: int) -> None:
-        progress.update(task, description=f"playing match {finished + 1}", status=f"step {steps}")
-
     wanted = options.episodes or 1
     reward = player["reward"]
     matches = record_matches(
@@ -257,7 +250,7 @@ def _matches(
         episodes=wanted * TRIES_PER_GOAL if options.only else wanted,
         seed=options.seed or 0,
         greedy=options.mode == "greedy",
-        on_progress=show,
+        on_progress=display.playing,
     )
     return matches, reward.density if isinstance(reward, AssistDensityReward) else None
 
@@ -296,13 +289,12 @@ def _frames(
     view: View,
     matches: Iterable[MatchRecording],
     shown: list[MatchRecording],
-    progress: Progress,
+    display: WatchDisplay,
 ) -> Iterator[np.ndarray]:
     """The frames of the matches that are wanted, which are added to ``shown`` one by one."""
-    from fbrl.watch.captions import captioned_frames
+    from fbrl.watch.captions import captioned_frames, num_frames
 
     wanted = len(matches) if isinstance(matches, list) else options.episodes or 1
-    task = progress.add_task("", total=None, status="")
     played = 0
     for match in matches:
         played += 1
@@ -310,10 +302,10 @@ def _frames(
             continue
         shown.append(match)
         title = f"match {len(shown)}" + (f" of {wanted}" if wanted > 1 else "")
-        progress.reset(task, total=match.num_steps, description=f"drawing match {len(shown)}")
         frames = captioned_frames(view, match, title, options.fps)
-        for index, frame in enumerate(frames):
-            progress.update(task, completed=index, status=f"frame {index}")
+        total = num_frames(match, options.fps)
+        for index, frame in enumerate(frames, start=1):
+            display.drawing(len(shown), index, total)
             yield frame
         if len(shown) == wanted:
             return

@@ -67,6 +67,10 @@ def _acquire_engine(gfootball: GFootball) -> Any:
         return engine
 
 
+def _leave(engine: Any) -> None:
+    """Does nothing with an engine that somebody else looks after."""
+
+
 @dataclass(frozen=True)
 class StepResult:
     """What a step led to.
@@ -106,7 +110,8 @@ class Match:
 
     Args:
         scenario: Name of a scenario module in ``gfootball.scenarios``.
-        engine: The started engine that it is played in; by default one that no match uses.
+        engine: A started engine to play it in, which stays the caller's; by default one that no
+            other match uses.
 
     Raises:
         EngineNotInstalledError: gfootball can't be imported.
@@ -122,7 +127,8 @@ class Match:
         self._backend_actions = [a._backend_action for a in actions.action_set_v2]
         self._sticky_actions = [a._backend_action for a in actions.action_set_v1 if a._sticky]
         self._engine = engine or _acquire_engine(self._gfootball)
-        self._release = weakref.finalize(self, _idle_engines.append, self._engine)
+        release = _idle_engines.append if engine is None else _leave
+        self._release = weakref.finalize(self, release, self._engine)
         self._normal_mode = int(self._gfootball.engine.e_GameMode.e_GameMode_Normal)
         self._running = False
 

@@ -29,7 +29,7 @@ def captioned_frames(
         title: Stands in the first line, above the scenario and the seed.
         fps: Frames per second, which the captions' length follows.
     """
-    still = max(1, round(CAPTION_SECONDS * fps))
+    still = _still_frames(fps)
     frame = None
     for frame in view.frames(recording):
         if still:
@@ -41,8 +41,17 @@ def captioned_frames(
         yield frame
     assert frame is not None  # a match has at least one state
     closing = _caption(frame, *_result(recording))
-    for _ in range(max(1, round(CAPTION_SECONDS * fps))):
+    for _ in range(_still_frames(fps)):
         yield closing
+
+
+def num_frames(recording: MatchRecording, fps: float) -> int:
+    """How many frames :func:`captioned_frames` yields."""
+    return recording.num_steps + 1 + 2 * _still_frames(fps)
+
+
+def _still_frames(fps: float) -> int:
+    return max(1, round(CAPTION_SECONDS * fps))
 
 
 def _result(recording: MatchRecording) -> tuple[str, str]:

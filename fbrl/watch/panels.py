@@ -4,32 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from fbrl.envs.actions import ACTION_NAMES
 from fbrl.watch.canvas import Colour, arrow, circle, rectangle, text, text_width
 from fbrl.watch.recording import MatchRecording
 
-ACTION_NAMES = (
-    "idle",
-    "left",
-    "top left",
-    "top",
-    "top right",
-    "right",
-    "bottom right",
-    "bottom",
-    "bottom left",
-    "long pass",
-    "high pass",
-    "short pass",
-    "shot",
-    "sprint",
-    "release direction",
-    "release sprint",
-    "sliding",
-    "dribble",
-    "release dribble",
-    "built-in AI",
-)
-"""gfootball's actions by their index, the engine's own player last."""
+_ACTIONS = (*(name.replace("_", " ") for name in ACTION_NAMES), "built-in AI")
 
 GAME_MODES = ("", "kick-off", "goal kick", "free kick", "corner", "throw-in", "penalty")
 """Names of ``game_mode``; normal play needs none."""
@@ -115,7 +94,7 @@ class ActionPanel:
         """Draws the panel of a state."""
         unit = self._unit
         left, top = self._corner[0] + 18 * unit, self._corner[1]
-        name = ACTION_NAMES[recording.actions[index - 1]] if index else ""
+        name = _ACTIONS[recording.actions[index - 1]] if index else ""
         text(frame, (left, top + 22 * unit), "ACTION", 11 * unit, _FAINT, bold=True)
         text(frame, (left, top + 43 * unit), name, 18 * unit, _TEXT, bold=True)
         held = recording.observations["sticky_actions"][index]

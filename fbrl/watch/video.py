@@ -45,16 +45,6 @@ def check_video_path(path: str | os.PathLike[str]) -> Path:
     path = Path(path)
     if path.suffix.lower() not in ENDINGS:
         raise ValueError(f"{path}: a video's name must end in {' or '.join(ENDINGS)}.")
-    return check_directory(path)
-
-
-def check_directory(path: Path) -> Path:
-    """The path, if a file can be written to it.
-
-    Raises:
-        ValueError: It is a directory, or its directory is missing.
-        OSError: Its directory can't be written to.
-    """
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give the name of a file.")
     if not path.absolute().parent.is_dir():
