@@ -27,7 +27,7 @@ def save_figure(results: Mapping[str, SectionResults], path: Path) -> None:
     if not drawn:
         return
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
-        figure = Figure(figsize=(6 * min(2, len(drawn)), 3.6 * ((len(drawn) + 1) // 2)))
+        figure = Figure(figsize=(6 * min(2, len(drawn)), 3.8 * ((len(drawn) + 1) // 2)))
         for index, section in enumerate(drawn):
             axes = figure.add_subplot((len(drawn) + 1) // 2, min(2, len(drawn)), index + 1)
             _PANELS[section](axes, results[section])
@@ -51,7 +51,6 @@ def _training(axes: Any, result: SectionResults) -> None:
     names = [sections.FBRL, sections.PEER, sections.PEER + sections.ON_OUR_ENGINE]
     bars = {name: [result.summary(case, name, FRAMES) for case in result.cases] for name in names}
     _grouped_bars(axes, result.cases, bars)
-    axes.set_yscale("log")
     axes.set_title("Frames per second of a training")
 
 
@@ -83,7 +82,7 @@ def _time_shares(axes: Any, result: SectionResults) -> None:
         left = [start + width for start, width in zip(left, widths, strict=True)]
     axes.set_xlim(0, 100)
     axes.set_title("Where the time of a training goes, percent")
-    axes.legend(frameon=False, fontsize=7, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.1))
+    _legend_below(axes)
 
 
 def _grouped_bars(axes: Any, cases: list[str], bars: Mapping[str, list[Summary | None]]) -> None:
@@ -95,7 +94,12 @@ def _grouped_bars(axes: Any, cases: list[str], bars: Mapping[str, list[Summary |
             _error_bars(axes.bar, x, drawn, label=name, width=width)
     middle = 0.8 / 2 - width / 2
     axes.set_xticks([n + middle for n in range(len(cases))], [_label(case) for case in cases])
-    axes.legend(frameon=False, fontsize=8)
+    _legend_below(axes)
+
+
+def _legend_below(axes: Any) -> None:
+    place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14)}
+    axes.legend(frameon=False, fontsize=7, ncols=3, **place)
 
 
 def _error_bars(
