@@ -156,9 +156,9 @@ def frames_until(
     NaN, as before the first match, is below every threshold.
 
     With tolerance 0 one low value near the end moves the result there, however long the threshold
-    had been held. The goal difference is a mean over 100 matches: where a match ends with at most
-    one goal its standard error is up to 0.05, so that a level 0.1 above the threshold still falls
-    below it now and then. Twice that, 0.1, forgives the noise and sees a collapse.
+    had been held. The goal difference is a mean over 100 matches: where a match brings one
+    goal of ours or none, its standard error is up to 0.05, so that a level 0.1 above the threshold
+    still falls below it now and then. A tolerance of 0.1 forgives the noise and sees a collapse.
 
     Args:
         frames: Frames at each entry of the log, rising, shape (iterations,).
