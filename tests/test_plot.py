@@ -211,6 +211,16 @@ def test_the_command_itself_draws_and_refuses(run_program, directory):
     assert pictures(directory) == {"c.png"}
 
 
+def test_an_interrupt_is_one_line_and_exit_130(run, directory, monkeypatch):
+    def interrupted(path):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fbrl.run_log.read_run_log", interrupted)
+    printed = run("curves", "a0", "--out", "c.png", code=130)
+    assert printed.err == "fbrl-plot curves: interrupted; nothing was written\n"
+    assert not pictures(directory)
+
+
 def test_help_teaches_with_examples(run):
     for command in ("curves", "bars"):
         assert run(command, "--help").out.count(f"  fbrl-plot {command} ") >= 3
