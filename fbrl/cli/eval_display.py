@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -45,15 +46,21 @@ class EvaluationProgress:
         self._bar.stop()
 
     def of(self, description: str) -> Callable[[int], None]:
-        """Begins an evaluation; the result is to be called with the matches finished so far."""
+        """Begins an evaluation; the result is to be called after each step of all its matches.
+
+        Its argument is the number of matches finished so far.
+        """
         task = self._bar.add_task(description, total=self._episodes)
+        steps = itertools.count(1)
 
         def show(done: int) -> None:
-            self._bar.update(task, completed=min(done, self._episodes))
+            # Matches of 3000 steps end minutes apart, and nearly all at once.
+            status = f"{description}, {next(steps):,} steps each"
+            self._bar.update(task, completed=min(done, self._episodes), description=status)
             now = time.monotonic()
             if not self._console.is_terminal and now - self._last_line > SECONDS_BETWEEN_LINES:
                 self._last_line = now
-                self._console.print(f"{description}: {done}/{self._episodes} matches")
+                self._console.print(f"{status}: {done}/{self._episodes} matches")
 
         return show
 
