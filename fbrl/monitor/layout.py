@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fbrl.monitor.names import ACTION_TAGS
-
-_WITH_THE_BALL = ("long_pass", "high_pass", "short_pass", "shot", "dribble", "sliding")
-
 
 def chart_layout(reward_names: tuple[str, ...]) -> Mapping[str, Mapping[str, Any]]:
     """The layout in the form that ``SummaryWriter.add_custom_scalars`` documents.
@@ -16,8 +12,7 @@ def chart_layout(reward_names: tuple[str, ...]) -> Mapping[str, Mapping[str, Any
     Args:
         reward_names: The reward's total and its parts, such as ``reward/scoring``.
     """
-    ball_actions = [tag for tag in ACTION_TAGS if tag.split("/")[1] in _WITH_THE_BALL]
-    moves = [tag for tag in ACTION_TAGS if tag not in ball_actions]
+    passes = [f"policy/action_{height}_pass" for height in ("short", "high", "long")]
     return {
         "Goals": {
             "Goal difference on fresh matches, 95 % interval": [
@@ -46,8 +41,8 @@ def chart_layout(reward_names: tuple[str, ...]) -> Mapping[str, Mapping[str, Any
             "Passes and shots per match": _lines("play/passes", "play/shots"),
             "The same on fresh matches": _lines("evaluation/passes", "evaluation/shots"),
             "Steps of a match": _lines("match/length", "evaluation/length"),
-            "Actions with the ball": _lines(*ball_actions),
-            "Moves": _lines(*moves),
+            "Share of passing actions": _lines(*passes),
+            "Share of shots and idling": _lines("policy/action_shot", "policy/action_idle"),
         },
         "PPO": {
             "Entropy": _lines("ppo/entropy"),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from fbrl.envs.actions import ACTION_NAMES
 
-ACTION_TAGS = tuple(f"action/{name}" for name in ACTION_NAMES)
+ACTION_TAGS = tuple(f"policy/action_{name}" for name in ACTION_NAMES)
 """One for each action, in the order of their indices."""
 
 SCALARS: Mapping[str, str] = {
