@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 import os
@@ -15,10 +16,12 @@ from pathlib import Path
 
 import pytest
 import torch
+from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from fbrl.agent import make_model
 from fbrl.checkpoint import load_checkpoint
+from fbrl.cli.train_display import TrainDisplay
 from fbrl.config import config_from_dict, preset_config
 from fbrl.envs import make_env
 from fbrl.monitor import SCALARS
@@ -266,6 +269,18 @@ def test_a_used_run_directory_is_left_alone(run, run_program):
     assert done.returncode == 2
     assert "not empty" in done.stderr
     assert sorted(path.name for path in run_dir.iterdir()) == before
+
+
+def test_the_bar_of_the_training_comes_back_after_an_evaluation():
+    console = Console(file=io.StringIO(), force_terminal=True, width=120)
+    with TrainDisplay(console, preset_config("light", SCENARIO)) as display:
+        for show, expected in (
+            (lambda: display.metrics(4096, {"time/frames_per_second": 500.0}), "training"),
+            (lambda: display.evaluation("current", 3, 50), "evaluating the current policy"),
+            (lambda: display.metrics(8192, {"time/frames_per_second": 500.0}), "training"),
+        ):
+            show()
+            assert [t.description for t in display._bar.tasks if t.visible] == [expected]
 
 
 def test_help_names_every_option_with_its_default(run_program):
