@@ -13,17 +13,16 @@ from pathlib import Path
 
 import torch
 
-from fbrl.agent import make_model
+from fbrl.agent import make_model, make_training_reward
 from fbrl.checkpoint import CHECKPOINT_NAME, save_checkpoint
 from fbrl.config import ConfigError, TrainConfig, config_to_dict, save_config
 from fbrl.envs.engine import load_gfootball
-from fbrl.envs.factory import make_env, make_reward
+from fbrl.envs.factory import make_env
 from fbrl.evaluate import Evaluation
 from fbrl.interrupt import Interrupt, Interrupted
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
 from fbrl.ppo.evaluator import Evaluator
-from fbrl.transforms import ScoringReward
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainRe
     device = choose_device(config.device)
     torch.manual_seed(config.seed)
     model = make_model(config, device)
-    reward = _make_reward(config)
+    reward = make_training_reward(config)
     load_gfootball()
     run_dir = make_run_dir(config)
     save_config(dataclasses.replace(config, run_dir=run_dir), run_dir / "config.json")
@@ -203,15 +202,6 @@ def make_run_dir(config: TrainConfig) -> Path:
     if occupied:
         raise ConfigError(f"The run directory {run_dir} is not empty: choose a new one.")
     return run_dir
-
-
-def _make_reward(config: TrainConfig) -> ScoringReward:
-    if config.reward != "analytics":
-        return make_reward(config.reward)
-    try:
-        return make_reward(config.reward, density=config.density, transition=config.transition)
-    except (ValueError, OSError) as error:
-        raise ConfigError(str(error)) from error
 
 
 def _save(run_dir: Path, config: TrainConfig, ppo: PPO) -> None:
