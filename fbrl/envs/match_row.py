@@ -30,92 +30,82 @@ class Snapshot(NamedTuple):
     Attributes:
         engine: ``gfootball_engine.GameEnv``.
         info: What its ``get_info()`` returned after the last step.
-        left_team: Its players of the left team; empty where no key needs players.
-        right_team: The same of the right team.
         sticky_actions: The engine's actions that last until they are released.
         duration: Time limit of the episode in steps.
     """
 
     engine: Any
     info: Any
-    left_team: list[Any]
-    right_team: list[Any]
     sticky_actions: list[Any]
     duration: int
 
 
-class Field(NamedTuple):
-    """One key: the shape and dtype of its array, and how its numbers are read, in order."""
+class MatchField(NamedTuple):
+    """A key of the match: shape and dtype of its array, and how its numbers are read, in order."""
 
     shape: tuple[int, ...]
     dtype: NumberType
     read: Callable[[Snapshot], list[float]]
 
 
+class PlayerField(NamedTuple):
+    """A key of a team's players: shape and dtype of its array, and where its numbers come from.
+
+    Attributes:
+        team: The engine's name of the team.
+        attribute: The engine's name of the property, a vector where the shape says (11, 2).
+        padding: For players that the scenario lacks.
+    """
+
+    shape: tuple[int, ...]
+    dtype: NumberType
+    team: str
+    attribute: str
+    padding: int
+
+
 def _vector(vector: Any) -> list[float]:
     return [vector[0], vector[1], vector[2]]
 
 
-def _planar(vectors: Iterable[Any]) -> list[float]:
-    values: list[float] = []
-    for vector in vectors:
-        values += (vector[0], vector[1])
-    return values
-
-
-def _designated(players: list[Any]) -> int:
+def _designated(players: Any) -> int:
     return next((i for i, player in enumerate(players) if player.designated_player), -1)
 
 
-def _team_fields(team: str) -> dict[str, Field]:
-    get_players = attrgetter(team)
-
-    def planar(attribute: str) -> Field:
-        get = attrgetter(attribute)
-
-        def read(match: Snapshot) -> list[float]:
-            values = _planar(map(get, get_players(match)))
-            return values + [PADDING] * (2 * MAX_PLAYERS - len(values))
-
-        return Field((MAX_PLAYERS, 2), np.float32, read)
-
-    def single(attribute: str, dtype: NumberType, padding: int) -> Field:
-        get = attrgetter(attribute)
-
-        def read(match: Snapshot) -> list[float]:
-            values = list(map(get, get_players(match)))
-            return values + [padding] * (MAX_PLAYERS - len(values))
-
-        return Field((MAX_PLAYERS,), dtype, read)
-
+def _team_fields(team: str) -> dict[str, PlayerField]:
+    planar, each = (MAX_PLAYERS, 2), (MAX_PLAYERS,)
     return {
-        team: planar("position"),
-        f"{team}_direction": planar("direction"),
-        f"{team}_tired_factor": single("tired_factor", np.float32, 0),
-        f"{team}_yellow_card": single("has_card", np.int8, 0),
-        f"{team}_active": single("is_active", np.int8, 0),
-        f"{team}_roles": single("role", np.int64, PADDING),
+        team: PlayerField(planar, np.float32, team, "position", PADDING),
+        f"{team}_direction": PlayerField(planar, np.float32, team, "direction", PADDING),
+        f"{team}_tired_factor": PlayerField(each, np.float32, team, "tired_factor", 0),
+        f"{team}_yellow_card": PlayerField(each, np.int8, team, "has_card", 0),
+        f"{team}_active": PlayerField(each, np.int8, team, "is_active", 0),
+        f"{team}_roles": PlayerField(each, np.int64, team, "role", PADDING),
     }
 
 
-def _number(read: Callable[[Snapshot], Any]) -> Field:
-    return Field((), np.int64, lambda match: [read(match)])
+def _number(read: Callable[[Snapshot], Any]) -> MatchField:
+    return MatchField((), np.int64, lambda match: [read(match)])
 
 
-FIELDS: dict[str, Field] = {
-    "ball": Field((3,), np.float32, lambda match: _vector(match.info.ball_position)),
-    "ball_direction": Field((3,), np.float32, lambda match: _vector(match.info.ball_direction)),
-    "ball_rotation": Field((3,), np.float32, lambda match: _vector(match.info.ball_rotation)),
+FIELDS: dict[str, MatchField | PlayerField] = {
+    "ball": MatchField((3,), np.float32, lambda match: _vector(match.info.ball_position)),
+    "ball_direction": MatchField(
+        (3,), np.float32, lambda match: _vector(match.info.ball_direction)
+    ),
+    "ball_rotation": MatchField((3,), np.float32, lambda match: _vector(match.info.ball_rotation)),
     **_team_fields("left_team"),
     **_team_fields("right_team"),
     "active": _number(lambda match: match.info.left_controllers[0].controlled_player),
-    "designated": _number(lambda match: _designated(match.left_team)),
+    "designated": _number(lambda match: _designated(match.info.left_team)),
     "ball_owned_team": _number(lambda match: match.info.ball_owned_team),
     "ball_owned_player": _number(lambda match: match.info.ball_owned_player),
     "game_mode": _number(lambda match: match.info.game_mode),
-    "score": Field((2,), np.int64, lambda match: [match.info.left_goals, match.info.right_goals]),
+    "score": MatchField(
+        (2,), np.int64, lambda match: [match.info.left_goals, match.info.right_goals]
+    ),
     "steps_left": _number(lambda match: match.duration - match.info.step),
-    "sticky_actions": Field(
+    "sticky_actions": MatchField(
         (10,),
         np.int8,
         lambda match: [
@@ -124,6 +114,55 @@ FIELDS: dict[str, Field] = {
     ),
 }
 """All keys; :mod:`fbrl.envs.observation` says what they mean."""
+
+
+class _TeamReader:
+    """Reads the wanted keys of a team: positions and directions in one pass over its players.
+
+    Written out where it is passed most, because calls of Python functions cost most there.
+    """
+
+    def __init__(self, team: str, keys: Iterable[str]) -> None:
+        wanted = {
+            key: field
+            for key in keys
+            if isinstance(field := FIELDS[key], PlayerField) and field.team == team
+        }
+        self._team = team
+        self._paddings = {
+            key: [field.padding] * math.prod(field.shape) for key, field in wanted.items()
+        }
+        attributes = {field.attribute: key for key, field in wanted.items()}
+        self._position = attributes.pop("position", None)
+        self._direction = attributes.pop("direction", None)
+        self._others = [(attrgetter(attribute), key) for attribute, key in attributes.items()]
+        self.keys = list(wanted)
+
+    def read(self, info: Any, into: dict[str, list[float]]) -> None:
+        """Puts the numbers of each key into a dictionary."""
+        players = getattr(info, self._team)
+        # An index is quicker than the engine's own iterator.
+        count = len(players)
+        positions: list[float] = []
+        directions: list[float] = []
+        for index in range(count):
+            player = players[index]
+            if self._position:
+                vector = player.position
+                positions.append(vector[0])
+                positions.append(vector[1])
+            if self._direction:
+                vector = player.direction
+                directions.append(vector[0])
+                directions.append(vector[1])
+        if self._position:
+            into[self._position] = positions
+        if self._direction:
+            into[self._direction] = directions
+        for get, key in self._others:
+            into[key] = [get(players[index]) for index in range(count)]
+        for key, padding in self._paddings.items():
+            into[key] += padding[len(into[key]) :]
 
 
 class RowLayout:
@@ -139,9 +178,9 @@ class RowLayout:
     def __init__(self, keys: Iterable[str]) -> None:
         # Side by side with those of their dtype, the keys are converted together.
         ordered = sorted(keys, key=lambda key: np.dtype(FIELDS[key].dtype).name)
-        self._readers = [FIELDS[key].read for key in ordered]
-        self._reads_left = any(key.startswith(("left_team", "designated")) for key in ordered)
-        self._reads_right = any(key.startswith("right_team") for key in ordered)
+        self._readers = [(key, getattr(FIELDS[key], "read", None)) for key in ordered]
+        teams = [_TeamReader(team, ordered) for team in ("left_team", "right_team")]
+        self._teams = [team for team in teams if team.keys]
         self._parts = []
         self.length = 0
         for dtype, same in groupby(ordered, key=lambda key: FIELDS[key].dtype):
@@ -163,17 +202,13 @@ class RowLayout:
         self, row: np.ndarray, engine: Any, info: Any, sticky_actions: list[Any], duration: int
     ) -> None:
         """Reads a match into its row, shape (length,); see :class:`Snapshot`."""
-        match = Snapshot(
-            engine,
-            info,
-            _players(info.left_team) if self._reads_left else [],
-            _players(info.right_team) if self._reads_right else [],
-            sticky_actions,
-            duration,
-        )
+        match = Snapshot(engine, info, sticky_actions, duration)
+        of_players: dict[str, list[float]] = {}
+        for team in self._teams:
+            team.read(info, of_players)
         numbers: list[float] = []
-        for read in self._readers:
-            numbers += read(match)
+        for key, read in self._readers:
+            numbers += of_players[key] if read is None else read(match)
         row[:] = numbers
 
     def split(self, rows: np.ndarray) -> dict[str, Any]:
@@ -192,11 +227,6 @@ class RowLayout:
                 shape = (*rows.shape[:-1], *FIELDS[key].shape)
                 arrays[key] = converted[..., column].reshape(shape)
         return arrays
-
-
-def _players(team: Any) -> list[Any]:
-    # An index is quicker than the engine's own iterator.
-    return [team[index] for index in range(len(team))]
 
 
 WHOLE_ROW = RowLayout(FIELDS)
