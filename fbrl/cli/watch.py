@@ -257,9 +257,8 @@ def _matches(
 
 def _player(options: argparse.Namespace) -> dict[str, Any]:
     """Who plays what, by the names of :func:`record_matches`'s arguments."""
-    from fbrl.envs.factory import make_reward
-
     if options.policy is not None:
+        from fbrl.envs.factory import make_reward
         from fbrl.policies import make_policy
 
         return {
@@ -268,18 +267,17 @@ def _player(options: argparse.Namespace) -> dict[str, Any]:
             "observation": "simple115",
             "reward": make_reward("analytics"),
         }
-    from fbrl.agent import load_agent
+    from fbrl.agent import load_agent, make_training_reward
     from fbrl.ppo.trainer import choose_device
 
     device = choose_device(options.device or "auto")
     agent = load_agent(options.run, device)
     config = agent.config
-    analytics = {"density": config.density, "transition": config.transition}
     return {
         "policy": agent.model.get_collection_policy(),
         "scenario": options.scenario or config.scenario,
         "observation": config.observation,
-        "reward": make_reward(config.reward, **analytics if config.reward == "analytics" else {}),
+        "reward": make_training_reward(config),
         "device": device,
     }
 
