@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from fbrl.cli.arguments import positive_integer, seed
 from fbrl.cli.commands import add_command, check_outputs, console
 from fbrl.cli.density_common import add_density, print_counts
 from fbrl.cli.density_options import add_pass_options, pass_filter
@@ -54,9 +55,12 @@ def add_plot(commands: Any) -> None:
         help="CSV table with the columns x and y in pitch units: where the agent had the ball",
     )
     agent.add_argument(
-        "--matches", type=_positive, default=100, help="matches to play (default: %(default)s)"
+        "--matches",
+        type=positive_integer,
+        default=100,
+        help="matches to play (default: %(default)s)",
     )
-    agent.add_argument("--seed", type=int, default=0, help="of the matches (default: %(default)s)")
+    agent.add_argument("--seed", type=seed, default=0, help="of the matches (default: %(default)s)")
     agent.add_argument("--save-positions", type=Path, help="keep what --run saw in such a table")
     agent.add_argument("--title", help="what to write above the agent's picture")
     agent.add_argument(
@@ -69,13 +73,6 @@ def _add_figures(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, nargs="+", required=True, help="pictures to write: .png, .svg or both"
     )
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text} is less than 1")
-    return number
 
 
 def _plot_passes(options: argparse.Namespace) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from fbrl.allocator import preload_tcmalloc
+from fbrl.cli.arguments import finite_number, number_from_zero, positive_integer, seed
 from fbrl.cli.commands import check_outputs
 from fbrl.cli.errors import Parser, fail
 from fbrl.cli.eval_display import EvaluationProgress, print_report
@@ -98,7 +99,7 @@ def _parser() -> Parser:
     )
     parser.add_argument(
         "--episodes",
-        type=_positive,
+        type=positive_integer,
         default=1000,
         help="matches per scenario and mode, rounded up to 2 per place (default: %(default)s)",
     )
@@ -108,23 +109,23 @@ def _parser() -> Parser:
         default="sample",
         help="sample the actions, take the most probable ones, or both (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=_seed, default=0, help="default: %(default)s")
+    parser.add_argument("--seed", type=seed, default=0, help="default: %(default)s")
     parser.add_argument(
         "--num-envs",
-        type=_positive,
+        type=positive_integer,
         default=8,
         help="places, the matches played at a time (default: %(default)s)",
     )
     parser.add_argument("--device", default="auto", help="auto, cpu, cuda (default: %(default)s)")
     parser.add_argument(
         "--threshold",
-        type=_number,
+        type=finite_number,
         default=0.5,
         help="goal difference that a training is to reach and keep (default: %(default)s)",
     )
     parser.add_argument(
         "--tolerance",
-        type=_number,
+        type=number_from_zero,
         default=0.1,
         help="how far it may fall below the threshold afterwards; the mean of 100 matches has a "
         "standard error of up to 0.05 (default: %(default)s)",
@@ -132,27 +133,6 @@ def _parser() -> Parser:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write everything there")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write a row for each result")
     return parser
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
-    return value
-
-
-def _seed(text: str) -> int:
-    value = int(text)
-    if not 0 <= value < 2**32:
-        raise argparse.ArgumentTypeError(f"{value} is not in [0, 2**32 - 1]")
-    return value
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{value} is not a finite number")
-    return value
 
 
 def _main(options: argparse.Namespace) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fbrl.cli.arguments import finite_number, number_from_zero
 from fbrl.cli.commands import check_outputs, console
 from fbrl.cli.errors import Parser
 
@@ -22,10 +22,10 @@ DEFAULT_TOLERANCE = 0.1
 
 def add_threshold(parser: Parser, meaning: str) -> None:
     """Adds ``--threshold`` and ``--tolerance``."""
-    parser.add_argument("--threshold", type=_finite, metavar="VALUE", help=meaning)
+    parser.add_argument("--threshold", type=finite_number, metavar="VALUE", help=meaning)
     parser.add_argument(
         "--tolerance",
-        type=_not_negative,
+        type=number_from_zero,
         metavar="VALUE",
         help="how far below the threshold still counts as kept, as the mean of 100 matches is "
         f"noisy (default: {DEFAULT_TOLERANCE}, as in fbrl-eval)",
@@ -37,20 +37,6 @@ def add_out(parser: Parser) -> None:
     parser.add_argument(
         "--out", type=Path, nargs="+", required=True, help="figures to write: .png, .svg or both"
     )
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise argparse.ArgumentTypeError(f"{text} is not finite")
-    return number
-
-
-def _not_negative(text: str) -> float:
-    number = _finite(text)
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"{text} is not at least 0")
-    return number
 
 
 def check_tolerance(options: argparse.Namespace) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fbrl.cli.arguments import positive_integer
 from fbrl.cli.commands import add_command, console
 from fbrl.cli.plot_common import (
     add_out,
@@ -46,7 +47,7 @@ def add_curves(commands: Any) -> None:
     )
     curves.add_argument(
         "--smooth",
-        type=_positive,
+        type=positive_integer,
         default=1,
         metavar="N",
         help="draw the mean of the last N logged points (default: %(default)s)",
@@ -60,13 +61,6 @@ def add_curves(commands: Any) -> None:
     curves.add_argument("--title", help="above the figure (default: the scenario)")
     add_threshold(curves, "draw a line there and print when each run has reached and kept it")
     add_out(curves)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text} is less than 1")
-    return number
 
 
 def _curves(options: argparse.Namespace) -> None:

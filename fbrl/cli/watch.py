@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from fbrl.allocator import preload_tcmalloc
+from fbrl.cli.arguments import positive_integer, seed
 from fbrl.cli.commands import check_outputs
 from fbrl.cli.errors import Parser, fail
 from fbrl.cli.watch_display import WatchDisplay
@@ -98,7 +99,7 @@ def _parser() -> Parser:
     )
 
     played = parser.add_argument_group("matches that are played")
-    played.add_argument("--episodes", type=_positive, help="how many (default: 1)")
+    played.add_argument("--episodes", type=positive_integer, help="how many (default: 1)")
     played.add_argument(
         "--only",
         choices=["goals"],
@@ -111,7 +112,7 @@ def _parser() -> Parser:
         choices=("sample", "greedy"),
         help="sample the actions, or take the most probable ones (default: sample)",
     )
-    played.add_argument("--seed", type=_seed, help="of the matches and actions (default: 0)")
+    played.add_argument("--seed", type=seed, help="of the matches and actions (default: 0)")
     played.add_argument("--device", help="auto, cpu, cuda (default: auto)")
     played.add_argument(
         "--policy", choices=POLICIES, help="instead of an agent; asks for --scenario"
@@ -123,20 +124,6 @@ def _parser() -> Parser:
         "--replay", type=Path, metavar="FILE", help="show the matches of this file instead"
     )
     return parser
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
-    return value
-
-
-def _seed(text: str) -> int:
-    value = int(text)
-    if not 0 <= value < 2**32:
-        raise argparse.ArgumentTypeError(f"{value} is not in [0, 2**32 - 1]")
-    return value
 
 
 def _fps(text: str) -> float:
