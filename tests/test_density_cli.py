@@ -259,7 +259,7 @@ class TestPlot:
             (["agent", "--positions", "passes.csv", "--out", "no/a.png"], "no directory no"),
             (["agent", "--positions", "bad.csv", "--out", "a.png"], "bad.csv, line 2: no position"),
             (["agent", "--run", "nowhere", "--out", "a.png"], "no checkpoint at nowhere"),
-            (["agent", "--run", ".", "--matches", "0", "--out", "a.png"], "0 is less than 1"),
+            (["agent", "--run", ".", "--matches", "0", "--out", "a.png"], "0 is not at least 1"),
         ],
     )
     def test_bad_input_is_one_line_and_exit_2_and_nothing_written(

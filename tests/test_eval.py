@@ -57,7 +57,7 @@ def test_a_checkpoint_that_fits_no_training_is_refused(shooter, tmp_path, change
 def test_it_prints_and_writes_the_results_of_both_modes(shooter, run_program, tmp_path):
     line = ["fbrl-eval", shooter, "--episodes", 8, "--num-envs", 4, "--mode", "both"]
     done = run_program(*line, "--json", tmp_path / "out.json", "--csv", tmp_path / "out.csv")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0, done.stderr
     sampled, greedy = json.loads((tmp_path / "out.json").read_text())["results"]
     assert (sampled["mode"], greedy["mode"]) == ("sample", "greedy")
     assert greedy["scenario"] == greedy["trained_on"] == SCENARIO
@@ -120,7 +120,7 @@ def test_seeds_are_pooled_and_configurations_compared(run_program, tmp_path):
     runs = [make_run(tmp_path / f"analytics{seed}", seed) for seed in (1, 2, 3)]
     runs += [make_run(tmp_path / f"scoring{seed}", seed, reward="scoring") for seed in (1, 2)]
     done = run_program("fbrl-eval", *runs, "--episodes", 4, "--json", tmp_path / "out.json")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "out.json").read_text())
     scores = [row["goal_difference"] for row in report["results"]]
     first, second = report["seeds"]

@@ -91,6 +91,8 @@ class MatchState:
     """Everything that decides how a match goes on.
 
     Attributes:
+        seed: Engine seed that the episode began with.
+        episode_number: Its number.
         engine: The engine's own state, its random numbers included; 30 to 80 KB.
         waiting_steps: Steps since the game stopped, which the forced actions depend on.
         previous_score_difference: Goals for minus goals against after the last step.
@@ -98,6 +100,8 @@ class MatchState:
         previous_ball_owned_team: The team that had the ball last; -1 if none had.
     """
 
+    seed: int
+    episode_number: int
     engine: bytes
     waiting_steps: int
     previous_score_difference: int
@@ -150,6 +154,7 @@ class Match:
         self._previous_score_difference = 0
         self._previous_game_mode = -1
         self._previous_ball_owned_team = -1
+        self._episode = seed, episode_number
         self._engine.state = self._gfootball.engine.GameState.game_running
         self._engine.reset(build_scenario(self.scenario, seed, episode_number), False)
         config = self._engine.config
@@ -204,6 +209,7 @@ class Match:
         """
         self._check_running("get_state()")
         return MatchState(
+            *self._episode,
             self._engine.get_state(""),
             self._engine.waiting_for_game_count,
             self._previous_score_difference,
@@ -216,11 +222,9 @@ class Match:
 
         Args:
             state: Of a match of this scenario.
-
-        Raises:
-            RuntimeError: No episode is running, of which the engine could take the line-ups.
         """
-        self._check_running("set_state()")
+        # Which team is processed first, and who kicks off, is no part of the engine's state.
+        self.reset(state.seed, state.episode_number)
         self._engine.set_state(state.engine)
         self._engine.waiting_for_game_count = state.waiting_steps
         self._previous_score_difference = state.previous_score_difference
@@ -231,8 +235,8 @@ class Match:
     def _check_running(self, call: str) -> None:
         if not self._running:
             raise RuntimeError(
-                f"The match of {self.scenario!r} is not running: call reset() before the first "
-                f"{call} and after an episode's end."
+                f"The match of {self.scenario!r} is not running: call reset() before {call}, also "
+                "after an episode's end."
             )
 
     def _step_engine(self) -> None:
