@@ -182,7 +182,10 @@ BAD_INPUT = {
     "episodes": (["nowhere", "--episodes", "0"], "at least 1"),
     "seed": (["nowhere", "--seed", "-1"], "[0, 2**32 - 1]"),
     "mode": (["nowhere", "--mode", "best"], "greedy"),
-    "unwritable": (["nowhere", "--json", "no/where.json"], "no directory"),
+    "no directory": (["nowhere", "--json", "no/where.json"], "no directory"),
+    "unwritable": (["nowhere", "--csv", "/proc/out.csv"], "/proc/out.csv can't be written"),
+    "device": (["nowhere", "--json", "/dev/null"], "is a device"),
+    "one file for two": (["nowhere", "--json", "out", "--csv", "./out"], "a file of its own"),
     "option": (["nowhere", "--colour"], "--colour"),
 }
 

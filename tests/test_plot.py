@@ -118,6 +118,7 @@ class TestCurves:
             (["a0", "--out", "c.jpg"], r"c\.jpg: a picture's name must end in \.png or \.svg"),
             (["a0", "--out", "c.png", "no/c.png"], "no directory no to write"),
             (["a0", "--out", "c.png", "a.svg"], r"a\.svg is a directory"),
+            (["a0", "--out", "/proc/c.png"], r"/proc/c\.png can't be written"),
         ],
     )
     def test_bad_input_is_one_line_and_exit_2_and_nothing_written(

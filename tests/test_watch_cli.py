@@ -138,6 +138,12 @@ BAD_INPUT = {
     "ending": (["nowhere", "--out", "match.avi"], "must end in .mp4 or .gif"),
     "directory": (["nowhere", "--out", "no/where.mp4"], "no directory no"),
     "replay's directory": (["nowhere", "--save-replay", "no/where.npz"], "no directory no"),
+    "unwritable": (["nowhere", "--out", "/proc/match.mp4"], "can't be written"),
+    "unwritable replay": (["nowhere", "--save-replay", "/proc/a.npz"], "/proc/a.npz can't be"),
+    "one file for two": (
+        ["nowhere", "--out", "a.mp4", "--save-replay", "a.mp4"],
+        "give each a file of its own",
+    ),
     "truncated checkpoint": (["truncated.pt"], "truncated.pt is damaged"),
     "missing replay": (["--replay", "none.npz"], "no file none.npz"),
     "damaged replay": (["--replay", "truncated.pt"], "truncated.pt holds no recorded matches"),

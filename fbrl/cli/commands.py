@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,24 @@ def check_outputs(*paths: Path) -> None:
     """Refuses, before minutes of work, paths that cannot be written to after it.
 
     Raises:
-        ValueError: if a path is a directory, or its directory is missing.
+        ValueError: if a path is a directory or a device, comes twice, or its directory is missing
+            or can't be written to.
     """
+    seen = set()
     for path in paths:
         if path.is_dir():
             raise ValueError(f"{path} is a directory; give the name of a file.")
+        if path.exists() and not path.is_file():
+            raise ValueError(f"{path} is a device or a pipe; give the name of a file.")
         if not path.parent.is_dir():
             raise ValueError(f"There is no directory {path.parent} to write {path.name} into.")
+        if path.resolve() in seen:
+            raise ValueError(f"Two things would be written to {path}: give each a file of its own.")
+        seen.add(path.resolve())
+        try:
+            # The permissions alone don't say it: a file system may be read-only, or hold no files.
+            tempfile.TemporaryFile(dir=path.parent).close()
+        except OSError as error:
+            raise ValueError(
+                f"{path} can't be written: no file can be made in {path.parent} ({error.strerror})."
+            ) from error

@@ -186,8 +186,7 @@ def _check(options: argparse.Namespace) -> None:
             f"[{smallest}, {LARGEST_WIDTH}]."
         )
     check_video_path(options.out)
-    if options.save_replay is not None:
-        check_outputs(options.save_replay)
+    check_outputs(*(path for path in (options.out, options.save_replay) if path is not None))
 
 
 def _check_extra() -> None:
