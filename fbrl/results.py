@@ -107,10 +107,10 @@ def read_evaluation_table(path: Path, measure: str, mode: str) -> list[Result]:
         )
     ]
     if not any(row["trained_on"] for row in chosen):
-        where = "the scenario it was trained on" if measure == "goal-difference" else "another one"
+        where = "the" if measure == "goal-difference" else "another than the"
         raise ResultsError(
-            f"{path} has no row of a trained agent that plays {where} in the mode {mode}; there "
-            f"are {len(rows)} other rows."
+            f"{path} has no row of a trained agent that plays {where} scenario it was trained "
+            f"on in the mode {mode}; there are {len(rows)} other rows."
         )
     schools = {row["trained_on"] for row in chosen if row["trained_on"]}
     return [_table_result(path, row, len(schools) > 1) for row in chosen]

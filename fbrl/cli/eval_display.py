@@ -14,6 +14,8 @@ from rich.table import Table
 
 SECONDS_BETWEEN_LINES = 30.0
 
+_ACTIONS = {"sample": "sampled", "greedy": "greedy", None: ""}
+
 Row = Mapping[str, Any]
 
 
@@ -102,8 +104,7 @@ def _table(title: str, left: Sequence[str], right: Sequence[str]) -> Table:
 
 
 def _who(row: Row) -> tuple[str, str, str]:
-    modes = {"sample": "sampled", "greedy": "greedy", None: ""}
-    return row["policy"], row["scenario"], modes[row["mode"]]
+    return row["policy"], row["scenario"], _ACTIONS[row["mode"]]
 
 
 def _results_table(results: Sequence[Row]) -> Table:
@@ -159,7 +160,7 @@ def _seeds_table(seeds: Sequence[Row]) -> Table:
     for row in seeds:
         table.add_row(
             row["configuration"],
-            row["mode"],
+            _ACTIONS[row["mode"]],
             str(row["seeds"]),
             str(len(row["scenarios"])),
             _interval(row, "interquartile_mean", "+.3f"),
@@ -175,7 +176,10 @@ def _improvements_table(improvements: Sequence[Row]) -> Table:
     )
     for row in improvements:
         table.add_row(
-            row["configuration"], row["over"], row["mode"], _interval(row, "probability", ".2f")
+            row["configuration"],
+            row["over"],
+            _ACTIONS[row["mode"]],
+            _interval(row, "probability", ".2f"),
         )
     return table
 
