@@ -190,6 +190,8 @@ def result_row(
 def pool_seeds(contestants: Sequence[Contestant], rows: Sequence[Row]) -> list[PooledSeeds]:
     """The seeds of each configuration together, where there are several.
 
+    Agents that were trained on fewer frames, as earlier checkpoints were, count for themselves.
+
     Args:
         contestants: Who was evaluated.
         rows: Their results, all in the same scenarios and modes.
@@ -263,11 +265,12 @@ def _or_none(value: float) -> float | None:
 
 
 def _groups(contestants: Sequence[Contestant]) -> list[RunGroup]:
-    return group_runs(
-        RunLog(Path(contestant.name), contestant.config)
-        for contestant in contestants
-        if contestant.config is not None
-    )
+    runs, frames = [], []
+    for contestant in contestants:
+        if contestant.config is not None and contestant.frames is not None:
+            runs.append(RunLog(Path(contestant.name), contestant.config))
+            frames.append(contestant.frames)
+    return group_runs(runs, frames=frames)
 
 
 def _pool(group: RunGroup, mode: str, rows: Sequence[Row]) -> PooledSeeds:

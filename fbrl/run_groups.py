@@ -42,7 +42,9 @@ class RunGroup:
         return self.runs[0].config
 
 
-def group_runs(runs: Iterable[RunLog], always: Sequence[str] = ()) -> list[RunGroup]:
+def group_runs(
+    runs: Sequence[RunLog], always: Sequence[str] = (), frames: Sequence[int] | None = None
+) -> list[RunGroup]:
     """Pools the runs whose configurations differ in the seed alone.
 
     Where matches are played, how often is saved and how often evaluated may differ, too: see
@@ -54,13 +56,17 @@ def group_runs(runs: Iterable[RunLog], always: Sequence[str] = ()) -> list[RunGr
     Args:
         runs: In any order; the groups come in the order of their first runs.
         always: Fields that a label always has.
+        frames: Frames that each run was trained on; if given, these may not differ either.
 
     Raises:
         RunGroupError: A seed comes twice in a group.
     """
     members: dict[tuple[tuple[str, Any], ...], list[RunLog]] = {}
-    for run in runs:
-        members.setdefault(tuple(_settings(run.config).items()), []).append(run)
+    for index, run in enumerate(runs):
+        settings = _settings(run.config)
+        if frames is not None:
+            settings["frames"] = frames[index]
+        members.setdefault(tuple(settings.items()), []).append(run)
     for group in members.values():
         _check_seeds(group)
     keys = list(map(dict, members))
@@ -103,7 +109,8 @@ def _tells_apart(name: str, keys: Sequence[Settings]) -> bool:
     for scenario in dict.fromkeys(key["scenario"] for key in keys):
         same = [key for key in keys if key["scenario"] == scenario]
         differs = len({key[name] for key in same}) > 1
-        if differs and (name == "preset" or any(key[name] != _default(name, key) for key in same)):
+        by_nature = name in ("preset", "frames")
+        if differs and (by_nature or any(key[name] != _default(name, key) for key in same)):
             return True
     return False
 

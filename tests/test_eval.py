@@ -161,6 +161,18 @@ def test_a_seed_that_comes_twice_is_refused_before_the_first_match(run_program, 
     assert not (tmp_path / "out.json").exists()
 
 
+def test_several_checkpoints_of_one_training_give_a_table(shooter, run_program, tmp_path):
+    content = {**load_checkpoint(shooter), "frames": 99}
+    content.pop("format_version")
+    save_checkpoint(tmp_path / "early.pt", **content)
+    line = ["fbrl-eval", shooter, "early.pt", "--episodes", 2, "--json", tmp_path / "out.json"]
+    done = run_program(*line)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert [row["frames"] for row in report["results"]] == [123, 99]
+    assert report["seeds"] == []
+
+
 def test_a_truncated_checkpoint_is_refused(shooter, run_program, tmp_path):
     whole = (shooter / "checkpoints" / "last.pt").read_bytes()
     (tmp_path / "cut.pt").write_bytes(whole[: len(whole) // 2])

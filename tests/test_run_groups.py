@@ -87,6 +87,19 @@ def test_a_seed_cannot_count_twice(run):
         group_runs([run(seed=3), run(seed=3, device="cpu")])
 
 
+def test_checkpoints_of_one_training_are_told_apart_by_their_frames(run):
+    runs = [run(seed=seed) for seed in (1, 2, 1)]
+    groups = group_runs(runs, frames=[200, 200, 100])
+    assert [(group.label, len(group.runs)) for group in groups] == [
+        ("frames 200", 2),
+        ("frames 100", 1),
+    ]
+    (group,) = group_runs(runs[:2], frames=[200, 200])
+    assert group.label == "analytics reward, preset light"
+    with pytest.raises(RunGroupError, match="both seed 1"):
+        group_runs(runs, frames=[200, 200, 200])
+
+
 def test_each_run_for_itself_is_named_by_its_directory(run):
     assert [group.label for group in single_runs([run(seed=3), run(seed=3)])] == ["run0", "run1"]
 
