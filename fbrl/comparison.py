@@ -80,8 +80,11 @@ def trained(path: Path, device: torch.device) -> Contestant:
 
     Raises:
         CheckpointError: There is none, or it is damaged.
+        ConfigError: The density of its reward can't be read.
     """
     agent = load_agent(path, device)
+    # Not found out when its turn comes, after the matches of others.
+    make_training_reward(agent.config)
     policy = agent.model.get_collection_policy()
     return Contestant(str(path), policy, config=agent.config, frames=agent.frames)
 

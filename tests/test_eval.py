@@ -11,7 +11,8 @@ import torch
 
 from fbrl.agent import load_agent, make_model
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
-from fbrl.config import config_to_dict, preset_config, save_config
+from fbrl.comparison import trained
+from fbrl.config import ConfigError, config_to_dict, preset_config, save_config
 
 SCENARIO = "academy_empty_goal_close"
 SHOOT = 12
@@ -171,6 +172,12 @@ def test_several_checkpoints_of_one_training_give_a_table(shooter, run_program, 
     report = json.loads((tmp_path / "out.json").read_text())
     assert [row["frames"] for row in report["results"]] == [123, 99]
     assert report["seeds"] == []
+
+
+def test_a_density_that_is_gone_is_noticed_before_the_first_match(tmp_path):
+    run = make_run(tmp_path / "run", 1, density=str(tmp_path / "gone.npz"))
+    with pytest.raises(ConfigError, match=r"No density file at .*gone\.npz"):
+        trained(run, torch.device("cpu"))
 
 
 def test_a_truncated_checkpoint_is_refused(shooter, run_program, tmp_path):
