@@ -68,14 +68,16 @@ class TrainResult:
 def train(config: TrainConfig, listener: TrainListener | None = None) -> TrainResult:
     """Trains an agent; see :class:`fbrl.config.TrainConfig` for what can be decided.
 
-    The run's directory gets ``config.json``, TensorBoard events, ``metrics.csv`` and
-    ``checkpoints/last.pt``. Ctrl-C and SIGTERM end the training with a checkpoint.
+    The run's directory gets ``config.json``, TensorBoard events, ``metrics.csv``,
+    ``evaluations.csv`` and ``checkpoints/last.pt``. Ctrl-C and SIGTERM end the training with a
+    checkpoint.
 
     Raises:
         ConfigError: A value is impossible, or the run's directory can't be used.
         UnknownNameError: There is no such scenario, reward or the like.
         EngineNotInstalledError: gfootball is missing.
         TrainingDivergedError: A loss is not finite; the last checkpoint is the one before.
+        OSError: A file of the run can't be made, or a checkpoint can't be written.
     """
     listener = listener or TrainListener()
     config.check()
