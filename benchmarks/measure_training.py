@@ -90,13 +90,13 @@ def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> 
         seed=seed,
     )
     model = make_model(config, torch.device("cpu"))
-    with PPO(env, model, PPOConfig(num_envs=num_envs, num_steps=32)) as ppo:
-        ppo.collect()
-        frames = 0
-        started = time.perf_counter()
-        while time.perf_counter() - started < seconds:
-            frames += ppo.collect().numel()
-        took = time.perf_counter() - started
+    ppo = PPO(env, model, PPOConfig(num_envs=num_envs, num_steps=32))
+    ppo.collect()
+    frames = 0
+    started = time.perf_counter()
+    while time.perf_counter() - started < seconds:
+        frames += ppo.collect().numel()
+    took = time.perf_counter() - started
     env.close()
     return {"frames_per_second": frames / took}
 

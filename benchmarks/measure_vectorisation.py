@@ -50,7 +50,7 @@ def collect(
             env = _make_env(scenario, vectorisation, num_envs)
             stack.callback(env.close)
             config = PPOConfig(num_envs=num_envs, num_steps=_STEPS_PER_BATCH)
-            collect_batch = stack.enter_context(PPO(env, model, config)).collect
+            collect_batch = PPO(env, model, config).collect
         return {"frames_per_second": _frames_per_second(collect_batch, seconds)}
 
 

@@ -2,68 +2,150 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
+import hashlib
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 
-FORMAT_VERSION = 1
+from fbrl.atomic_write import atomic_write
+
+FORMAT_VERSION = 2
 
 CHECKPOINT_NAME = "checkpoints/last.pt"
 """Where a run keeps its latest checkpoint, relative to its directory."""
+
+PREVIOUS_NAME = "checkpoints/previous.pt"
+"""Where it keeps the one before, which is taken where the latest is damaged."""
+
+BEST_NAME = "checkpoints/best.pt"
+"""Where it keeps that of the evaluation with the highest mean goal difference."""
+
+
+_PLAIN_TYPES = (type(None), bool, int, float, str)
 
 
 class CheckpointError(ValueError):
     """Raised for a file that is no checkpoint, is damaged, or is of a newer version."""
 
 
-def save_checkpoint(path: Path, **content: Any) -> None:
+class DamagedCheckpointError(CheckpointError):
+    """Raised for a file that is missing or is not what was saved."""
+
+
+def save_checkpoint(path: Path, *, keep_as: Path | None = None, **content: Any) -> None:
     """Writes a checkpoint so that at any moment the old or the new one is whole.
+
+    The file is what ``torch.save`` writes: ``torch.load(path, weights_only=True)`` gives the
+    content, with ``format_version`` and ``sha256``, a digest of all the rest.
 
     Args:
         path: File to write or replace; its directory is made.
+        keep_as: Where the file that is replaced goes; by default it is deleted.
         content: Tensors, numbers, strings, and lists and dictionaries of them.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".partial")
-    try:
-        with temporary.open("wb") as file:
-            torch.save({"format_version": FORMAT_VERSION, **content}, file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def load_checkpoint(path: Path, device: torch.device | str = "cpu") -> Mapping[str, Any]:
-    """Reads a checkpoint.
-
-    Args:
-        path: A checkpoint, or the directory of a run.
-        device: Where its tensors go.
 
     Raises:
-        CheckpointError: There is none, it is damaged, or it is not of this format. Nothing in
-            the file is ever executed.
+        TypeError: There is something else in it, which could not be read back.
+        OSError: The file can't be written.
     """
-    file = path / CHECKPOINT_NAME if path.is_dir() else path
-    if not file.is_file():
-        raise CheckpointError(f"There is no checkpoint at {file}.")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path, keep_as) as file:
+        header = {"format_version": FORMAT_VERSION, "sha256": _digest(content)}
+        torch.save({**header, **content}, file)
+
+
+def load_checkpoint(
+    path: Path,
+    device: torch.device | str = "cpu",
+    on_warning: Callable[[str], None] = lambda line: warnings.warn(line, stacklevel=3),
+) -> dict[str, Any]:
+    """Reads a checkpoint.
+
+    Nothing in the file is ever executed. Format 1, which had no digest and no state of the
+    matches, is read too: ``config``, ``frames`` and ``model`` have not changed since.
+
+    Args:
+        path: A checkpoint, or the directory of a run: its latest one, or where that is damaged
+            the one before.
+        device: Where its tensors go.
+        on_warning: Called with one line if the one before had to be taken.
+
+    Raises:
+        CheckpointError: There is none, it is damaged, or it is not of this format.
+    """
+    if not path.is_dir():
+        return _read(path, device)
     try:
-        content = torch.load(file, map_location=device, weights_only=True)
+        return _read(path / CHECKPOINT_NAME, device)
+    except DamagedCheckpointError as error:
+        previous = path / PREVIOUS_NAME
+        if not previous.is_file():
+            raise
+        content = _read(previous, device)
+        on_warning(f"{error} The checkpoint before it is taken instead, {previous}.")
+        return content
+
+
+def _read(file: Path, device: torch.device | str) -> dict[str, Any]:
+    if not file.is_file():
+        raise DamagedCheckpointError(f"There is no checkpoint at {file}.")
+    try:
+        with warnings.catch_warnings():
+            # Of what a damaged file seems to be.
+            warnings.simplefilter("ignore")
+            content = torch.load(file, map_location=device, weights_only=True)
     except Exception as error:  # a damaged file can make the reader raise anything
-        raise CheckpointError(
+        raise DamagedCheckpointError(
             f"{file} is damaged or is no checkpoint of fbrl ({type(error).__name__})."
         ) from error
     version = content.get("format_version") if isinstance(content, dict) else None
     if not isinstance(version, int):
-        raise CheckpointError(f"{file} is no checkpoint of fbrl: it has no format version.")
+        raise DamagedCheckpointError(f"{file} is no checkpoint of fbrl: it has no format version.")
     if version > FORMAT_VERSION:
         raise CheckpointError(
             f"{file} has format {version}, but this fbrl reads up to {FORMAT_VERSION}: "
             "upgrade fbrl."
         )
+    digest = content.pop("sha256", None)
+    if version > 1 and not _matches(digest, content):
+        raise DamagedCheckpointError(f"{file} is damaged: its content is not what was saved.")
     return content
+
+
+def _matches(digest: Any, content: Mapping[str, Any]) -> bool:
+    saved = {name: value for name, value in content.items() if name != "format_version"}
+    try:
+        return digest == _digest(saved)
+    except TypeError:  # something that is never saved
+        return False
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    """The SHA-256 of a content as hexadecimal digits, whichever order its names are in."""
+    digest = hashlib.sha256()
+    _add(digest, content)
+    return digest.hexdigest()
+
+
+def _add(digest: Any, value: Any) -> None:
+    # Each value with its kind and size, so that no two contents are written alike.
+    if isinstance(value, torch.Tensor):
+        digest.update(f"tensor {value.dtype} {tuple(value.shape)} ".encode())
+        flat = value.detach().cpu().contiguous().reshape(-1)
+        digest.update(flat.view(torch.uint8).numpy())
+    elif isinstance(value, Mapping):
+        digest.update(f"mapping {len(value)} ".encode())
+        for name in sorted(value, key=repr):
+            _add(digest, name)
+            _add(digest, value[name])
+    elif isinstance(value, (list, tuple)):
+        digest.update(f"sequence {len(value)} ".encode())
+        for entry in value:
+            _add(digest, entry)
+    elif type(value) not in _PLAIN_TYPES:
+        raise TypeError(f"A checkpoint can't hold {value!r}, a {type(value).__name__}.")
+    else:
+        text = repr(value).encode()
+        digest.update(f"{len(text)} ".encode() + text)

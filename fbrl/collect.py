@@ -6,44 +6,61 @@ import contextlib
 from collections.abc import Iterator
 
 import torch
-from torchrl.collectors import Collector
-from torchrl.envs import EnvBase
+from tensordict import TensorDictBase
+from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.models.impala import ImpalaCNN
 
 
-def make_collector(env: EnvBase, policy: CollectionPolicy, *, frames_per_batch: int) -> Collector:
-    """A collector that steps all matches together in this process.
+class RolloutCollector:
+    """Steps all matches together in this process, batch after batch, without resetting between.
 
     The matches run in the environment's own threads on the CPU, where the batches lie too. The
     policy may be on a GPU: it fetches the observation, and nothing else, and hands back what it
     chose, so that each step waits for the GPU once.
 
+    TorchRL's ``Collector`` does the same, but has no way to say where the next batch begins or to
+    begin one there, which going on with a training takes.
+
     Args:
         env: A vectorised environment with batch size (num_envs,).
         policy: Reads the observation; writes ``action``, ``action_log_prob``, ``state_value``.
-        frames_per_batch: Frames of each batch, a multiple of ``num_envs``.
+        num_steps: Steps of each match in a batch.
 
-    Returns:
-        An endless iterable of batches of shape (num_envs, frames_per_batch // num_envs). A batch is
-        valid until the next one is asked for.
+    Attributes:
+        state: What the next batch begins with, shape (num_envs,); None until the environment has
+            been reset. A batch that is broken off leaves it as it was.
     """
-    return Collector(
-        env,
-        # As a function: a module the collector would move to the device that it is told.
-        policy.forward,
-        frames_per_batch=frames_per_batch,
-        # Without end: at the end of its frames a collector closes the environment.
-        total_frames=-1,
-        device="cpu",
-        # Nothing that the collector sees is on a GPU.
-        no_cuda_sync=True,
-        return_same_td=True,
-        track_traj_ids=False,
-        trust_policy=True,
-        auto_register_policy_transforms=False,
-    )
+
+    def __init__(self, env: EnvBase, policy: CollectionPolicy, num_steps: int) -> None:
+        self._env = env
+        self._policy = policy
+        self._num_steps = num_steps
+        self._batch: TensorDictBase | None = None
+        self.state: TensorDictBase | None = None
+
+    @torch.no_grad()
+    def reset(self) -> None:
+        """Starts an episode in every match."""
+        self.state = self._env.reset()
+
+    @torch.no_grad()
+    def collect(self) -> TensorDictBase:
+        """Plays ``num_steps`` steps in each match, after a reset the first time.
+
+        Returns:
+            A batch of shape (num_envs, num_steps), valid until the next call.
+        """
+        state = self._env.reset() if self.state is None else self.state.copy()
+        steps = []
+        with set_exploration_type(ExplorationType.RANDOM):
+            for _ in range(self._num_steps):
+                step, state = self._env.step_and_maybe_reset(self._policy(state))
+                steps.append(step)
+        self.state = state
+        self._batch = torch.stack(steps, -1, out=self._batch)
+        return self._batch
 
 
 def inference_threads(policy: CollectionPolicy) -> int:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fbrl.atomic_write import atomic_write
 from fbrl.envs.scenarios import SCENARIOS, check_scenario
 from fbrl.names import check_name
 
@@ -17,6 +18,15 @@ REWARD_NAMES = ("analytics", "checkpoints", "scoring")
 OBSERVATION_NAMES = ("minimap", "smm", "simple115")
 TRANSITION_NAMES = ("possession", "consecutive")
 ACTIVATION_NAMES = ("relu", "tanh")
+CHANGEABLE_ON_RESUME = (
+    "total_frames",
+    "device",
+    "num_threads",
+    "checkpoint_interval",
+    "checkpoint_keep_interval",
+    "eval_interval",
+)
+"""What may be changed when a training goes on; all the rest decides what it is."""
 
 
 class ConfigError(ValueError):
@@ -157,6 +167,10 @@ class TrainConfig:
     checkpoint_interval: int = 100_000
     """Frames between two checkpoints."""
 
+    checkpoint_keep_interval: int = 0
+    """Frames between two checkpoints that are kept for good, as checkpoints/<frames>.pt; 0 for
+    none."""
+
     eval_episodes: int = 200
     """Fresh matches played with the trained policy at the end; 0 for none. The presets play 16 of
     the scenarios that last 3000 steps."""
@@ -193,8 +207,8 @@ class TrainConfig:
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
         _check(self, "num_threads", self.num_threads is None or self.num_threads >= 1, "at least 1")
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
-        _check(self, "eval_episodes", self.eval_episodes >= 0, "at least 0")
-        _check(self, "eval_interval", self.eval_interval >= 0, "at least 0")
+        for name in ("checkpoint_keep_interval", "eval_episodes", "eval_interval"):
+            _check(self, name, getattr(self, name) >= 0, "at least 0")
         for name in ("density", "transition"):
             value, default = getattr(self, name), getattr(type(self), name)
             if self.reward != "analytics" and value != default:
@@ -250,8 +264,9 @@ def preset_config(preset: str, scenario: str) -> TrainConfig:
 
 
 def save_config(config: TrainConfig, path: Path) -> None:
-    """Writes the configuration as JSON."""
-    path.write_text(json.dumps(config_to_dict(config), indent=2) + "\n", encoding="utf-8")
+    """Writes the configuration as JSON; the file is replaced in one piece."""
+    with atomic_write(path) as file:
+        file.write((json.dumps(config_to_dict(config), indent=2) + "\n").encode())
 
 
 def config_to_dict(config: TrainConfig) -> dict[str, Any]:

@@ -11,8 +11,9 @@ from fbrl.run_log import RunLog
 
 NOT_TRAINED = frozenset(
     {
-        "seed", "run_dir", "device", "num_threads", "checkpoint_interval", "eval_episodes",
-        "eval_untrained", "eval_interval", "eval_pictures",
+        "seed", "run_dir", "device", "num_threads", "checkpoint_interval",
+        "checkpoint_keep_interval", "eval_episodes", "eval_untrained", "eval_interval",
+        "eval_pictures",
     }
 )  # fmt: skip
 """Fields of a configuration that may differ within a group: they leave what is learned alone."""

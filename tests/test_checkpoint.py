@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pickle
 import zipfile
 
+import numpy as np
 import pytest
 import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from fbrl.checkpoint import FORMAT_VERSION, CheckpointError, load_checkpoint, save_checkpoint
 
@@ -28,8 +32,8 @@ def test_what_was_saved_is_loaded_from_the_file_or_its_run(checkpoint):
 
 
 def test_a_failed_save_leaves_the_old_checkpoint_and_nothing_else(checkpoint):
-    with pytest.raises(Exception, match="pickle"):
-        save_checkpoint(checkpoint, frames=8, unsavable=lambda: None)
+    with pytest.raises(TypeError, match=r"can't hold .*, a float64"):
+        save_checkpoint(checkpoint, frames=8, unreadable=np.float64(0.5))
     assert load_checkpoint(checkpoint)["frames"] == 7
     assert [path.name for path in checkpoint.parent.iterdir()] == ["last.pt"]
 
@@ -46,6 +50,143 @@ def test_saving_replaces_the_file_in_one_step(checkpoint, monkeypatch):
     save_checkpoint(checkpoint, frames=8)
     assert seen == [(7, 8)]
     assert load_checkpoint(checkpoint)["frames"] == 8
+
+
+def test_the_one_before_is_kept_and_the_latest_is_never_missing(checkpoint, monkeypatch):
+    previous = checkpoint.with_name("previous.pt")
+    seen = []
+
+    def replace(self, target):
+        os.replace(self, target)
+        seen.append(load_checkpoint(checkpoint)["frames"])
+
+    monkeypatch.setattr(type(checkpoint), "replace", replace)
+    for frames in (8, 9):
+        save_checkpoint(checkpoint, keep_as=previous, frames=frames)
+        assert load_checkpoint(checkpoint)["frames"] == frames
+        assert load_checkpoint(previous)["frames"] == frames - 1
+    assert seen == [7, 8, 8, 9]
+    assert sorted(path.name for path in checkpoint.parent.iterdir()) == ["last.pt", "previous.pt"]
+
+
+def test_one_is_kept_after_a_crash_between_the_two_renames(checkpoint):
+    previous = checkpoint.with_name("previous.pt")
+    previous.hardlink_to(checkpoint)
+    save_checkpoint(checkpoint, keep_as=previous, frames=8)
+    assert (load_checkpoint(checkpoint)["frames"], load_checkpoint(previous)["frames"]) == (8, 7)
+    assert sorted(path.name for path in checkpoint.parent.iterdir()) == ["last.pt", "previous.pt"]
+
+
+def test_one_is_kept_where_there_are_no_hard_links(checkpoint, monkeypatch):
+    def hardlink_to(self, target):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    previous = checkpoint.with_name("previous.pt")
+    monkeypatch.setattr(type(checkpoint), "hardlink_to", hardlink_to)
+    save_checkpoint(checkpoint, keep_as=previous, frames=8)
+    assert (load_checkpoint(checkpoint)["frames"], load_checkpoint(previous)["frames"]) == (8, 7)
+
+
+@pytest.mark.parametrize("damage", ["cut", "empty", "missing"])
+def test_in_place_of_a_damaged_one_the_one_before_is_taken_with_one_line(checkpoint, damage):
+    previous = checkpoint.with_name("previous.pt")
+    save_checkpoint(checkpoint, keep_as=previous, frames=8)
+    if damage == "missing":
+        checkpoint.unlink()
+    else:
+        checkpoint.write_bytes(checkpoint.read_bytes()[:900] if damage == "cut" else b"")
+    warned = []
+    run_dir = checkpoint.parent.parent
+    assert load_checkpoint(run_dir, on_warning=warned.append)["frames"] == 7
+    assert len(warned) == 1
+    assert "last.pt" in warned[0]
+    assert f"{previous}" in warned[0]
+    # Asked for by its name it is not replaced by another one.
+    with pytest.raises(CheckpointError, match=r"last\.pt"):
+        load_checkpoint(checkpoint)
+
+
+def test_a_newer_one_is_refused_even_if_there_is_an_older_one(checkpoint):
+    save_checkpoint(checkpoint, keep_as=checkpoint.with_name("previous.pt"), frames=8)
+    torch.save({"format_version": FORMAT_VERSION + 1}, checkpoint)
+    with pytest.raises(CheckpointError, match="upgrade fbrl"):
+        load_checkpoint(checkpoint.parent.parent)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"frames": 8},
+        {"frames": {7}},
+        {"sha256": None},
+        {"more": 1},
+        {"model": {"weight": torch.tensor([0.0, 1.0, 2.5])}},
+    ],
+)
+def test_another_content_than_the_saved_one_is_damaged(checkpoint, change):
+    torch.save({**torch.load(checkpoint, weights_only=True), **change}, checkpoint)
+    with pytest.raises(CheckpointError, match="its content is not what was saved"):
+        load_checkpoint(checkpoint)
+
+
+def test_the_first_format_is_still_read(checkpoint):
+    torch.save({"format_version": 1, "frames": 5, "model": {}}, checkpoint)
+    assert load_checkpoint(checkpoint)["frames"] == 5
+
+
+CONTENTS = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda values: st.lists(values) | st.dictionaries(st.text(), values),
+    max_leaves=8,
+)
+
+
+@settings(
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(content=CONTENTS, shape=st.lists(st.integers(0, 3), max_size=3))
+def test_any_content_comes_back_as_it_was(tmp_path, content, shape):
+    path = tmp_path / "any.pt"
+    numbers = [torch.rand(shape).to(dtype) for dtype in (torch.float32, torch.bfloat16, torch.bool)]
+    save_checkpoint(path, content=content, numbers=numbers)
+    loaded = load_checkpoint(path)
+    assert repr(loaded["content"]) == repr(content)
+    for one, other in zip(numbers, loaded["numbers"], strict=True):
+        assert one.dtype == other.dtype
+        assert torch.equal(one, other)
+
+
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_a_damaged_file_is_refused_or_what_was_saved(checkpoint, data):
+    whole = load_checkpoint(checkpoint)
+    damaged = bytearray(checkpoint.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(damaged) - 1))
+        damaged[place] = data.draw(st.integers(0, 255))
+    cut = data.draw(st.integers(0, len(damaged)) | st.just(len(damaged)))
+    other = checkpoint.with_name("damaged.pt")
+    other.write_bytes(damaged[:cut])
+    try:
+        content = load_checkpoint(other)
+    except CheckpointError:
+        return
+    # Bytes that hold nothing, such as the padding, may change.
+    assert {**content, "model": None} == {**whole, "model": None}
+    assert torch.equal(content["model"]["weight"], whole["model"]["weight"])
+
+
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(content=st.binary(max_size=2000))
+def test_any_bytes_are_refused(tmp_path, content):
+    path = tmp_path / "garbage.pt"
+    path.write_bytes(content)
+    with pytest.raises(CheckpointError, match=r"garbage\.pt"):
+        load_checkpoint(path)
 
 
 @pytest.mark.parametrize("size", [0, 10, 500])

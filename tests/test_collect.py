@@ -49,12 +49,12 @@ def test_collection_takes_one_thread_for_a_perceptron_and_learning_all(two_threa
         lambda *_: seen.append((phase[0], torch.get_num_threads()))
     )
     env = make_env("academy_empty_goal_close", num_envs=2, seed=0)
-    with PPO(env, model, SMALL) as ppo:
-        ppo.collect()
-        seen.clear()
-        batch = ppo.collect()
-        phase[0] = "learn"
-        ppo.learn(batch)
+    ppo = PPO(env, model, SMALL)
+    ppo.collect()
+    seen.clear()
+    batch = ppo.collect()
+    phase[0] = "learn"
+    ppo.learn(batch)
     env.close()
     assert set(seen) == {("collect", 1), ("learn", 2)}
     assert batch.device == torch.device("cpu")

@@ -61,12 +61,12 @@ def our_returns(seed):
     env.set_seed(seed)
     model = ActorCritic(MLP(4, (64, 64), "tanh"), "observation", 64, 2)
     ended = []
-    with PPO(env, model, CONFIG) as ppo:
-        while ppo.frames < CONFIG.total_frames:
-            batch = ppo.collect()
-            done = batch["next", "done"]
-            ended += [(ppo.frames, r) for r in batch["next", "episode_reward"][done].tolist()]
-            ppo.learn(batch)
+    ppo = PPO(env, model, CONFIG)
+    while ppo.frames < CONFIG.total_frames:
+        batch = ppo.collect()
+        done = batch["next", "done"]
+        ended += [(ppo.frames, r) for r in batch["next", "episode_reward"][done].tolist()]
+        ppo.learn(batch)
     env.close()
     return by_quarter(ended)
 

@@ -1,4 +1,4 @@
-"""``fbrl-train SCENARIO``: trains an agent."""
+"""``fbrl-train SCENARIO``: trains an agent; with ``--resume RUN_DIR`` it goes on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.errors import fail, parsing
-from fbrl.cli.train_display import TrainDisplay, tensorboard_command
+from fbrl.cli.train_display import TrainDisplay, resume_command, tensorboard_command
+from fbrl.cli.train_resume import asks_to_resume, parse_resume
 from fbrl.config import PRESETS, ConfigError, TrainConfig, preset_config
 from fbrl.names import UnknownNameError
 
@@ -39,6 +40,12 @@ option can be set on top of a preset. Examples:
 
   fbrl-train 11_vs_11_easy_stochastic --reward scoring --total-frames 2000000 --num-envs 16
 
+A training that was interrupted, or that died, goes on as if it had never stopped with
+
+  fbrl-train --resume RUN_DIR
+
+Of its options only a few can then be changed, see fbrl-train --resume RUN_DIR --help.
+
 Where tcmalloc is installed, it takes the place of the C library's allocator, which makes matches
 faster; FBRL_TCMALLOC=0 in the environment prevents that.
 """
@@ -56,16 +63,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Ends the process with 0; 2 on bad usage; 1 if the training diverged; 130 if it was interrupted.
     """
     try:
-        config = parse(sys.argv[1:] if arguments is None else arguments)
+        arguments = sys.argv[1:] if arguments is None else arguments
+        resume = asks_to_resume(arguments)
+        config = parse_resume(PROGRAM, arguments) if resume else parse(arguments)
         preload_tcmalloc(PROGRAM)
-        _main(config)
+        _main(config, resume)
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted; nothing was saved since the last line", file=sys.stderr)
         sys.exit(INTERRUPTED)
 
 
-def _main(config: TrainConfig) -> None:
+def _main(config: TrainConfig, resume: bool) -> None:
     # Seconds of imports, which --help and a mistyped option needn't wait for.
+    from fbrl.checkpoint import CheckpointError
     from fbrl.envs import EngineNotInstalledError
     from fbrl.ppo.trainer import TrainListener, train
     from fbrl.ppo.update import TrainingDivergedError
@@ -81,8 +91,14 @@ def _main(config: TrainConfig) -> None:
                 display.postponed,
                 display.warning,
             )
-            result = train(config, listener)
-    except (ConfigError, UnknownNameError, EngineNotInstalledError, OSError) as error:
+            result = train(config, listener, resume=resume)
+    except (
+        CheckpointError,
+        ConfigError,
+        UnknownNameError,
+        EngineNotInstalledError,
+        OSError,
+    ) as error:
         fail(PROGRAM, error)
     except TrainingDivergedError as error:
         fail(PROGRAM, error, exit_code=DIVERGED)
@@ -130,3 +146,5 @@ def report(console: Console, result: TrainResult) -> None:
         f"{ended} after {result.frames:,} frames. Everything is in {where}; look at it with: "
         f"{tensorboard_command(result.run_dir)}"
     )
+    if result.interrupted:
+        console.print(f"Go on with: {resume_command(result.run_dir)}")

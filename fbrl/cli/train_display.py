@@ -53,16 +53,17 @@ class TrainDisplay:
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
-    def started(self, run_dir: Path, device: torch.device) -> None:
-        """Says what begins, and where."""
+    def started(self, run_dir: Path, device: torch.device, frames: int) -> None:
+        """Says what begins or goes on, and where."""
         config = self._config
+        start = f"Going on after {frames:,} frames with the training" if frames else "Training"
         self._console.print(
-            f"Training on {config.scenario}: {config.reward} reward, preset {config.preset}, "
+            f"{start} on {config.scenario}: {config.reward} reward, preset {config.preset}, "
             f"{config.ppo.num_envs} matches, {config.ppo.total_frames:,} frames, seed "
             f"{config.seed}, {device.type}. Ctrl-C saves and ends.\nRun directory: {run_dir}\n"
             f"Watch it with: {tensorboard_command(run_dir)}"
         )
-        self._update("training", 0, config.ppo.total_frames, "frames")
+        self._update("training", frames, config.ppo.total_frames, "frames")
 
     def postponed(self) -> None:
         """Answers a signal that comes in the middle of an update."""
@@ -107,8 +108,17 @@ class TrainDisplay:
 
 def tensorboard_command(run_dir: Path) -> str:
     """What starts TensorBoard on a run, for this machine alone."""
+    return shlex.join([_program("tensorboard"), "--logdir", str(run_dir), "--host", "localhost"])
+
+
+def resume_command(run_dir: Path) -> str:
+    """What goes on with an interrupted training."""
+    return shlex.join([_program("fbrl-train"), "--resume", str(run_dir)])
+
+
+def _program(name: str) -> str:
     # Not on the path where the command was called by its path, as `make train` does.
-    program = Path(shutil.which("tensorboard") or Path(sys.executable).with_name("tensorboard"))
+    program = Path(shutil.which(name) or Path(sys.executable).with_name(name))
     with contextlib.suppress(ValueError):
         program = program.relative_to(Path.cwd())
-    return shlex.join([str(program), "--logdir", str(run_dir), "--host", "localhost"])
+    return str(program)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,3 +67,16 @@ class EpisodeSeeds:
         else:
             self._np_random = seeding.np_random(seed)[0]
             self.engine_seed, self.number = seed, FIRST_EPISODE
+
+    def get_state(self) -> dict[str, Any]:
+        """What the next episodes depend on."""
+        return {
+            "engine_seed": self.engine_seed,
+            "number": self.number,
+            "np_random": self._np_random.bit_generator.state,
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Goes on from a state."""
+        self.engine_seed, self.number = state["engine_seed"], state["number"]
+        self._np_random.bit_generator.state = state["np_random"]

@@ -11,13 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import PIL.Image
-from tensorboard.compat.proto.event_pb2 import Event
+from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 from torch.utils.tensorboard.summary import custom_scalars, hparams
 
 RGB = 3
 """TensorBoard's number for a picture's colour space."""
+
+
+_PREFIX = "events.out.tfevents."
 
 
 class EventFile:
@@ -32,7 +35,7 @@ class EventFile:
     """
 
     def __init__(self, run_dir: Path) -> None:
-        name = f"events.out.tfevents.{time.time():010.0f}.{socket.gethostname()}.{os.getpid()}"
+        name = f"{_PREFIX}{_next_second(run_dir):010d}.{socket.gethostname()}.{os.getpid()}"
         self._path = run_dir / name
         self._append(Event(wall_time=time.time(), file_version="brain.Event:2"), "xb")
 
@@ -77,6 +80,14 @@ class EventFile:
         self._add(experiment, 0)
         self._add(start, 0)
 
+    def add_restart(self, frames: int) -> None:
+        """Takes back what earlier files of the run have from a number of frames on.
+
+        This is what ``SummaryWriter(purge_step=frames)`` writes.
+        """
+        restart = SessionLog(status=SessionLog.START)
+        self._append(Event(wall_time=time.time(), step=frames, session_log=restart), "ab")
+
     def _add(self, summary: Summary, frames: int) -> None:
         self._append(Event(wall_time=time.time(), step=frames, summary=summary), "ab")
 
@@ -85,3 +96,9 @@ class EventFile:
         # at the end, and a directory that has gone is noticed.
         with self._path.open(mode) as file:
             RecordWriter(file).write(event.SerializeToString())
+
+
+def _next_second(run_dir: Path) -> int:
+    """The time, or a later one: TensorBoard reads a run's files in the order of their names."""
+    seconds = [path.name.removeprefix(_PREFIX)[:10] for path in run_dir.glob(_PREFIX + "*")]
+    return max([int(time.time()), *(int(text) + 1 for text in seconds if text.isdecimal())])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -79,6 +81,17 @@ class RecentMatches:
         self._figures.extend(figures.cpu().numpy())
         self._count += len(figures)
 
+    def state_dict(self) -> dict[str, Any]:
+        """The figures of the latest matches, float64 of shape (matches, figures), and the count."""
+        figures = np.array(self._figures).reshape(len(self._figures), len(self.names) - 1)
+        return {"figures": torch.from_numpy(figures), "count": self._count}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Goes on from a state."""
+        self._figures.clear()
+        self._figures.extend(state["figures"].numpy())
+        self._count = state["count"]
+
     def means(self) -> dict[str, float]:
         """The means by name, and how many matches have ended; nothing until one has.
 
@@ -89,7 +102,7 @@ class RecentMatches:
             return {}
         columns = np.array(self._figures).T
         means = {
-            name: values[~np.isnan(values)].mean()
+            name: float(values[~np.isnan(values)].mean())
             for name, values in zip(self.names[:-1], columns, strict=True)
             if not np.isnan(values).all()
         }

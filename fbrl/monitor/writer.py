@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,6 +15,7 @@ from fbrl.monitor.event_file import EventFile
 from fbrl.monitor.layout import chart_layout
 from fbrl.monitor.names import ACTION_TAGS
 from fbrl.monitor.recent_matches import RecentMatches
+from fbrl.monitor.table import append_row, drop_rows
 
 if TYPE_CHECKING:
     from fbrl.evaluate import Evaluation
@@ -50,6 +50,8 @@ class Monitor:
         config: What is trained; its values are the run's hyperparameters in TensorBoard.
         reward_parts: Names of the reward's parts, as its transform gives them.
         on_warning: Called with one line when something can't be logged.
+        checkpoint: What the training goes on from, if it has been logged before. What the files
+            have past it is dropped.
 
     Raises:
         OSError: Nothing can be written into the directory to begin with.
@@ -61,15 +63,37 @@ class Monitor:
         config: TrainConfig,
         reward_parts: tuple[str, ...],
         on_warning: Callable[[str], None],
+        checkpoint: Mapping[str, Any] | None = None,
     ) -> None:
         self._run_dir = run_dir
         self._on_warning = on_warning
         self._given_up: set[str] = set()
         self._recent = RecentMatches(reward_parts)
-        rewards = tuple(name for name in self._recent.names if name.startswith("reward/"))
+        self._latest: dict[str, float] = {}
         self._events = EventFile(run_dir)
+        if checkpoint:
+            self._go_on(checkpoint)
+        rewards = tuple(name for name in self._recent.names if name.startswith("reward/"))
         self._events.add_layout(chart_layout(rewards))
         self._events.add_hyperparameters(hyperparameters(config), GOAL_DIFFERENCE_NAMES)
+
+    def state_dict(self) -> dict[str, Any]:
+        """What a checkpoint needs so that the log can go on."""
+        return {"recent_matches": self._recent.state_dict(), "latest": self._latest}
+
+    def _go_on(self, checkpoint: Mapping[str, Any]) -> None:
+        frames, evaluated_at = checkpoint["frames"], checkpoint["evaluated_at"]
+        self._recent.load_state_dict(checkpoint["monitor"]["recent_matches"])
+        self._latest = checkpoint["monitor"]["latest"]
+        drop_rows(self._run_dir / "metrics.csv", past=frames)
+        last_evaluation = -1 if evaluated_at is None else evaluated_at
+        drop_rows(self._run_dir / "evaluations.csv", past=last_evaluation)
+        if evaluated_at == frames:
+            self._events.add_restart(frames + 1)
+        else:
+            # There may be an evaluation at this very step, which will be done again.
+            self._events.add_restart(frames)
+            self._events.add_scalars(self._latest, frames)
 
     def log_iteration(
         self,
@@ -98,7 +122,7 @@ class Monitor:
             "time/collect_seconds": collect_seconds,
             "time/update_seconds": update_seconds,
         }
-        metrics = {**self._recent.means(), **of_iteration}
+        metrics = self._latest = {**self._recent.means(), **of_iteration}
         self._write_events(self._events.add_scalars, metrics, frames)
         columns = ["frames", *self._recent.names, *of_iteration]
         self._write_row("metrics.csv", columns, {"frames": frames, **metrics})
@@ -131,7 +155,7 @@ class Monitor:
         self._write("TensorBoard's events", add, *arguments)
 
     def _write_row(self, name: str, columns: list[str], row: Mapping[str, float]) -> None:
-        self._write(name, _append_row, self._run_dir / name, columns, row)
+        self._write(name, append_row, self._run_dir / name, columns, row)
 
     def _write(self, what: str, write: Callable[..., None], *arguments: Any) -> None:
         if what in self._given_up:
@@ -164,11 +188,3 @@ def _action_shares(batch: TensorDictBase) -> dict[str, float]:
     actions = batch.get("action").reshape(-1)
     counts = torch.bincount(actions, minlength=len(ACTION_TAGS))
     return dict(zip(ACTION_TAGS, (counts / len(actions)).tolist(), strict=True))
-
-
-def _append_row(path: Path, columns: list[str], row: Mapping[str, float]) -> None:
-    with path.open("a", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, columns)
-        if not file.tell():
-            table.writeheader()
-        table.writerow(row)

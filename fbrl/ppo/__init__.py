@@ -1,1 +1,1 @@
-"""Proximal policy optimisation on TorchRL's collector, advantage estimator and loss."""
+"""Proximal policy optimisation on TorchRL's environments, advantage estimator and loss."""

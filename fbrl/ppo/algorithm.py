@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 from torchrl.objectives import ClipPPOLoss
 
-from fbrl.collect import inference_threads, make_collector, torch_threads
+from fbrl.collect import RolloutCollector, inference_threads, torch_threads
 from fbrl.config import PPOConfig
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.ppo.advantages import add_advantages, explained_variance
@@ -24,8 +26,6 @@ class PPO:
             place, on the device where it is.
         config: Hyperparameters.
 
-    Use it as a context manager, or call :meth:`close`, so that collection ends.
-
     Attributes:
         frames: Frames learned from so far.
         device: Where the model is.
@@ -35,9 +35,9 @@ class PPO:
         >>> from fbrl.models.actor_critic import build_actor_critic
         >>> config = PPOConfig(total_frames=64, num_envs=2, num_steps=16, num_minibatches=2)
         >>> env = make_env("academy_empty_goal", num_envs=2, seed=0)
-        >>> with PPO(env, build_actor_critic("simple115"), config) as ppo:
-        ...     while ppo.frames < config.total_frames:
-        ...         losses = ppo.learn(ppo.collect())
+        >>> ppo = PPO(env, build_actor_critic("simple115"), config)
+        >>> while ppo.frames < config.total_frames:
+        ...     losses = ppo.learn(ppo.collect())
         >>> ppo.frames
         64
     """
@@ -47,8 +47,9 @@ class PPO:
         self.config = config
         self.device = next(model.parameters()).device
         self.frames = 0
-        self._env = env
-        self._collector: Collector | None = None
+        policy = model.get_collection_policy()
+        self._inference_threads = inference_threads(policy)
+        self._collector = RolloutCollector(env, policy, config.num_steps)
         # The value head alone: it reads what the actor's trunk has left, so the trunk runs once.
         self.loss = ClipPPOLoss(
             model.get_policy_operator(),
@@ -74,16 +75,13 @@ class PPO:
             "state_value",
         ]
 
-    def __enter__(self) -> PPO:
-        return self
+    def start(self) -> None:
+        """Resets the environment, unless a batch has been collected or a state loaded already.
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Ends collection; the environment stays open."""
-        if self._collector is not None:
-            self._collector.shutdown(close_env=False)
+        The first batch does so by itself.
+        """
+        if self._collector.state is None:
+            self._collector.reset()
 
     def collect(self) -> TensorDictBase:
         """Plays ``num_steps`` steps in each match.
@@ -93,15 +91,8 @@ class PPO:
         Returns:
             A batch of shape (num_envs, num_steps) on the CPU, valid until the next call.
         """
-        if self._collector is None:
-            policy = self.model.get_collection_policy()
-            self._inference_threads = inference_threads(policy)
-            self._collector = make_collector(
-                self._env, policy, frames_per_batch=self.config.frames_per_batch
-            )
-            self._batches = iter(self._collector)
         with torch_threads(self._inference_threads):
-            return next(self._batches)
+            return self._collector.collect()
 
     def learn(self, batch: TensorDictBase) -> dict[str, float]:
         """Updates the model with a batch.
@@ -130,6 +121,32 @@ class PPO:
         means["explained_variance"] = explained_variance(flat)
         losses = {name: float(value) for name, value in means.cpu().items()}
         return {**losses, "learning_rate": learning_rate}
+
+    def state_dict(self) -> dict[str, Any]:
+        """What has been learned and what the next batch begins with, as a checkpoint takes it.
+
+        The environment and the random numbers are not in it.
+
+        Raises:
+            RuntimeError: There is no next batch yet: call :meth:`start`.
+        """
+        if self._collector.state is None:
+            raise RuntimeError("The matches have not begun: call start() before state_dict().")
+        return {
+            "frames": self.frames,
+            "model": self.model.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "next_step": self._collector.state.to_dict(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Goes on from a state; the environment has to be put back to the same moment."""
+        self.frames = state["frames"]
+        self.model.load_state_dict(state["model"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self._collector.state = TensorDict(
+            state["next_step"], batch_size=[self.config.num_envs], device="cpu"
+        )
 
     def _set_learning_rate(self) -> float:
         """The rate falls linearly with the frames learned from before this batch."""

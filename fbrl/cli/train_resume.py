@@ -1,0 +1,53 @@
+"""``fbrl-train --resume RUN_DIR``: the command line of a training that goes on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from fbrl.cli.errors import Parser, fail
+from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, TrainConfig
+from fbrl.names import UnknownNameError
+from fbrl.run_log import RunLogError, read_run_log
+
+RESUME_DESCRIPTION = """Go on with a training where it stopped, as if it had never stopped. Its
+configuration is that of RUN_DIR, but for what is given here. The learning rate falls to 0 at
+--total-frames: raising these raises it again."""
+
+
+def asks_to_resume(arguments: Sequence[str]) -> bool:
+    """Whether ``--resume`` is among the arguments."""
+    return any(argument.split("=")[0] == "--resume" for argument in arguments)
+
+
+def parse_resume(program: str, arguments: Sequence[str]) -> TrainConfig:
+    """The configuration of the run in a directory, with what may be changed on top of it."""
+    parser = Parser(prog=program, description=RESUME_DESCRIPTION, allow_abbrev=False)
+    parser.add_argument("--resume", type=Path, metavar="RUN_DIR", required=True)
+    for name in CHANGEABLE_ON_RESUME:
+        kind = str if name == "device" else int
+        parser.add_argument(_option(name), type=kind)
+    options, others = parser.parse_known_args(list(arguments))
+    if others:
+        fail(
+            program,
+            f"{others[0].split('=')[0]} can't be given with --resume, which takes everything from "
+            f"the run but {', '.join(map(_option, CHANGEABLE_ON_RESUME))}.",
+        )
+    changes = {name: getattr(options, name) for name in CHANGEABLE_ON_RESUME}
+    changes = {name: value for name, value in changes.items() if value is not None}
+    try:
+        config = read_run_log(options.resume).config
+        ppo = config.ppo
+        if "total_frames" in changes:
+            ppo = dataclasses.replace(ppo, total_frames=changes.pop("total_frames"))
+        config = dataclasses.replace(config, run_dir=options.resume, ppo=ppo, **changes)
+        config.check()
+    except (ConfigError, UnknownNameError, RunLogError) as error:
+        fail(program, error)
+    return config
+
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")

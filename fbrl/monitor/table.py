@@ -1,0 +1,52 @@
+"""The CSV tables of a run, which grow by a row at a time."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+from fbrl.atomic_write import atomic_write
+
+FRAMES = "frames"
+
+
+def append_row(path: Path, columns: list[str], row: Mapping[str, float]) -> None:
+    """Adds a row, after the header where the file is new.
+
+    Raises:
+        OSError: The file can't be written.
+    """
+    with path.open("a", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, columns)
+        if not file.tell():
+            table.writeheader()
+        table.writerow(row)
+
+
+def drop_rows(path: Path, past: int) -> None:
+    """Drops the rows past a number of frames, and a last one that is not whole, if there is a file.
+
+    The others stay as they are, to the last digit.
+
+    Raises:
+        OSError: The file can't be read or written; it is then left alone.
+    """
+    if not path.exists():
+        return
+    lines = path.read_bytes().splitlines(keepends=True)
+    header = next(csv.reader([lines[0].decode(errors="replace")]), []) if lines else []
+    kept = [lines[0]] if header and lines[0].endswith(b"\n") and FRAMES in header else []
+    if kept:
+        place = header.index(FRAMES)
+        kept += [line for line in lines[1:] if _is_whole(line, len(header), place, past)]
+    with atomic_write(path) as file:
+        file.writelines(kept)
+
+
+def _is_whole(line: bytes, num_columns: int, place: int, past: int) -> bool:
+    values = next(csv.reader(io.StringIO(line.decode(errors="replace"))), [])
+    if len(values) != num_columns or not line.endswith(b"\n"):
+        return False
+    return values[place].isdecimal() and int(values[place]) <= past

@@ -1,0 +1,158 @@
+"""Everything that a training needs to go on exactly where it stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from torchrl.envs import EnvBase
+
+from fbrl.checkpoint import CheckpointError
+from fbrl.config import (
+    CHANGEABLE_ON_RESUME,
+    ConfigError,
+    TrainConfig,
+    config_from_dict,
+    config_to_dict,
+)
+from fbrl.envs.football import FootballVectorEnv
+from fbrl.evaluate import Evaluation
+from fbrl.monitor import Monitor
+from fbrl.ppo.algorithm import PPO
+
+
+class TrainingState:
+    """Gathers the state of a training, and puts a training into a state.
+
+    A batch that is broken off has moved the matches and the random numbers on, but nothing has
+    been learned from it. :meth:`begin_batch` remembers where they were, so that the same batch is
+    collected when the training goes on.
+
+    Args:
+        config: The training.
+        ppo: What has been learned.
+        env: The training's matches, as :func:`fbrl.envs.make_env` makes them.
+        monitor: What has been logged.
+
+    Attributes:
+        ppo, monitor: As they were given.
+        evaluated_at: Frames learned from at the last evaluation that was finished; None before.
+        best_goal_difference: The highest mean of an evaluation so far; None before the first.
+    """
+
+    def __init__(self, config: TrainConfig, ppo: PPO, env: EnvBase, monitor: Monitor) -> None:
+        self.evaluated_at: int | None = None
+        self.best_goal_difference: float | None = None
+        self._config = config
+        self.ppo = ppo
+        self._matches: FootballVectorEnv = env.base_env._env
+        self.monitor = monitor
+        self._batch_start: dict[str, Any] = {}
+
+    def begin_batch(self) -> None:
+        """Remembers the matches and the random numbers, which the next batch begins with."""
+        self.ppo.start()
+        on_gpu = self.ppo.device.type == "cuda"
+        self._batch_start = {
+            "matches": [_with_engine(state, _to_tensor) for state in self._matches.get_state()],
+            "random_numbers": {
+                "cpu": torch.get_rng_state(),
+                "cuda": torch.cuda.get_rng_state(self.ppo.device) if on_gpu else None,
+            },
+        }
+
+    def add_evaluation(self, evaluation: Evaluation) -> bool:
+        """Remembers that it was done, and says whether it is the best so far."""
+        self.evaluated_at = self.ppo.frames
+        best, latest = self.best_goal_difference, evaluation.goal_difference
+        if best is not None and latest <= best:
+            return False
+        self.best_goal_difference = latest
+        return True
+
+    def state_dict(self) -> dict[str, Any]:
+        """The state at the beginning of the batch, as a checkpoint takes it."""
+        return {
+            "config": config_to_dict(self._config),
+            **self.ppo.state_dict(),
+            **self._batch_start,
+            "monitor": self.monitor.state_dict(),
+            "evaluated_at": self.evaluated_at,
+            "best_goal_difference": self.best_goal_difference,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Goes on from a state; the monitor was given it before.
+
+        Raises:
+            CheckpointError: It is not that of such a training.
+        """
+        try:
+            self._load(state)
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise CheckpointError(
+                f"The checkpoint is not that of this training ({error!r:.200})."
+            ) from error
+
+    def _load(self, state: Mapping[str, Any]) -> None:
+        self.evaluated_at = state["evaluated_at"]
+        self.best_goal_difference = state["best_goal_difference"]
+        self.ppo.load_state_dict(state)
+        self._matches.set_state([_with_engine(match, _to_bytes) for match in state["matches"]])
+        torch.set_rng_state(state["random_numbers"]["cpu"])
+        on_gpu = state["random_numbers"]["cuda"]
+        # On another kind of device the numbers that follow are others in any case.
+        if on_gpu is not None and self.ppo.device.type == "cuda":
+            torch.cuda.set_rng_state(on_gpu, self.ppo.device)
+
+
+def check_resumable(state: Mapping[str, Any], config: TrainConfig) -> None:
+    """Checks that a training can go on from a checkpoint.
+
+    Args:
+        state: The checkpoint.
+        config: How the training is to go on.
+
+    Raises:
+        CheckpointError: The checkpoint is only good for its policy.
+        ConfigError: The configuration differs in what can't be changed, or the training has gone
+            further than it asks for.
+    """
+    if "matches" not in state:
+        raise CheckpointError(
+            "The checkpoint was written by an older version of fbrl, without the state of the "
+            "matches: it can be evaluated and watched, but no training can go on from it."
+        )
+    before, now = _flat(config_from_dict(state["config"])), _flat(config)
+    for name in before.keys() - {"run_dir", *CHANGEABLE_ON_RESUME}:
+        if before[name] != now[name]:
+            raise ConfigError(
+                f"{name} is {now[name]}, but the training had {before[name]}. When it "
+                f"goes on, only these may change: {', '.join(CHANGEABLE_ON_RESUME)}."
+            )
+    if config.ppo.total_frames < state["frames"]:
+        raise ConfigError(
+            f"total_frames is {config.ppo.total_frames}, but the training has had "
+            f"{state['frames']} frames already."
+        )
+
+
+def _flat(config: TrainConfig) -> dict[str, Any]:
+    values = config_to_dict(config)
+    return values.pop("ppo") | values
+
+
+def _with_engine(state: Mapping[str, Any], convert: Callable[[Any], Any]) -> dict[str, Any]:
+    """The state of a match with the engine's own state in another type."""
+    match = state["match"]
+    return {**state, "match": {**match, "engine": convert(match["engine"])}}
+
+
+def _to_tensor(engine: bytes) -> torch.Tensor:
+    # PyTorch reads no bytes without trusting the file.
+    return torch.frombuffer(bytearray(engine), dtype=torch.uint8)
+
+
+def _to_bytes(engine: torch.Tensor) -> bytes:
+    return engine.numpy().tobytes()

@@ -1,0 +1,371 @@
+"""A training that stops, in whatever way, and goes on as if it had not."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import random
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
+from fbrl.cli.train_resume import parse_resume
+from fbrl.config import ConfigError, PPOConfig, TrainConfig
+from fbrl.envs import FootballVectorEnv
+from fbrl.ppo.trainer import TrainListener, train
+from fbrl.run_dir import locked_run_dir
+
+PPO = PPOConfig(total_frames=768, num_envs=2, num_steps=64, num_minibatches=2, num_epochs=2)
+CONFIG = TrainConfig(
+    "academy_3_vs_1_with_keeper",
+    hidden_sizes=(16,),
+    checkpoint_interval=256,
+    checkpoint_keep_interval=256,
+    eval_episodes=1,
+    eval_interval=384,
+    eval_untrained=True,
+    eval_pictures=False,
+    ppo=PPO,
+)
+CONFIGS = {
+    "simple115": CONFIG,
+    # Two matches of one thread each and a small batch: the convolutions take most of the time.
+    "minimap": dataclasses.replace(
+        CONFIG,
+        observation="minimap",
+        reward="checkpoints",
+        eval_episodes=0,
+        ppo=dataclasses.replace(PPO, total_frames=96, num_steps=8, num_epochs=1),
+        checkpoint_keep_interval=64,
+    ),
+}
+
+
+def table(run_dir, name):
+    """The rows without their times, as text: equal to the last digit."""
+    path = run_dir / name
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        timed = ("time/", "evaluation/seconds")
+        return [
+            {name: value for name, value in row.items() if not name.startswith(timed)}
+            for row in csv.DictReader(file)
+        ]
+
+
+def assert_same(one, other):
+    """Compares two contents of checkpoints, tensors bit for bit."""
+    assert type(one) is type(other)
+    if isinstance(one, dict):
+        assert list(one) == list(other)
+        for name in one:
+            assert_same(one[name], other[name])
+    elif isinstance(one, (list, tuple)):
+        assert len(one) == len(other)
+        for left, right in zip(one, other, strict=True):
+            assert_same(left, right)
+    elif isinstance(one, torch.Tensor):
+        assert one.dtype == other.dtype
+        assert torch.equal(one, other)
+    else:
+        assert one == other
+
+
+def assert_same_run(run_dir, other):
+    """Compares the tables and the last checkpoints: weights, optimiser, random numbers and so on.
+
+    But for the engine's own bytes, of which some mean nothing. What follows from them is compared.
+    """
+    for name in ("metrics.csv", "evaluations.csv"):
+        assert table(run_dir, name) == table(other, name)
+    one, two = load_checkpoint(run_dir), load_checkpoint(other)
+    for content in (one, two):
+        del content["config"]["run_dir"]
+        times = [name for name in content["monitor"]["latest"] if name.startswith("time/")]
+        assert len(times) == 3
+        for name in times:
+            del content["monitor"]["latest"][name]
+        for state in content["matches"]:
+            del state["match"]["engine"]
+    assert_same(one, two)
+
+
+def logged_steps(run_dir):
+    events = EventAccumulator(str(run_dir), size_guidance={"scalars": 0})
+    events.Reload()
+    return {
+        name: [event.step for event in events.Scalars(name)] for name in events.Tags()["scalars"]
+    }
+
+
+@pytest.fixture(scope="module", params=CONFIGS)
+def whole_run(request, tmp_path_factory):
+    """A training that nothing interrupts."""
+    run_dir = tmp_path_factory.mktemp("whole") / "run"
+    config = dataclasses.replace(CONFIGS[request.param], run_dir=run_dir)
+    train(config)
+    if config.eval_episodes:
+        # Long enough that there are means of matches to go on with.
+        assert int(table(run_dir, "metrics.csv")[-1]["match/count"]) >= 2
+    return config
+
+
+@pytest.fixture
+def stop_after(monkeypatch):
+    """Makes the matches of a process send it a signal after a number of steps, wherever that is."""
+    step = FootballVectorEnv.step
+    left = [0]
+
+    def counting_step(self, actions):
+        left[0] -= 1
+        if left[0] == 0:
+            signal.raise_signal(signal.SIGTERM)
+        return step(self, actions)
+
+    monkeypatch.setattr(FootballVectorEnv, "step", counting_step)
+
+    def stop_after(steps):
+        left[0] = steps
+
+    return stop_after
+
+
+def test_a_run_that_stops_anywhere_and_goes_on_equals_one_that_does_not(
+    whole_run, tmp_path, stop_after
+):
+    config = dataclasses.replace(whole_run, run_dir=tmp_path / "run")
+    moments = random.Random(3)
+    stops = 0
+    resume = False
+    # In the middle of batches and of evaluations, before the training and after it.
+    most = 250 if config.eval_episodes else 12
+    while True:
+        stop_after(moments.randint(1, most))
+        result = train(config, resume=resume)
+        if not result.interrupted:
+            break
+        stops, resume = stops + 1, True
+        most = 2 * most if stops % 3 == 0 else most
+        stop_after(0)
+    assert stops >= 4
+    assert_same_run(config.run_dir, whole_run.run_dir)
+    assert logged_steps(config.run_dir) == logged_steps(whole_run.run_dir)
+    assert all(len(set(steps)) == len(steps) for steps in logged_steps(config.run_dir).values())
+
+
+def test_going_on_from_any_kept_checkpoint_ends_the_same(whole_run, tmp_path):
+    run_dir = tmp_path / "run"
+    shutil.copytree(whole_run.run_dir, run_dir)
+    kept = {int(path.stem) for path in run_dir.glob("checkpoints/[0-9]*.pt")}
+    interval = whole_run.checkpoint_keep_interval
+    assert kept == set(range(interval, whole_run.ppo.total_frames + 1, interval))
+    for frames in kept:
+        # As after a crash later on: the tables and the events reach further than the checkpoint.
+        shutil.copy(run_dir / f"checkpoints/{frames}.pt", run_dir / "checkpoints" / "last.pt")
+        train(dataclasses.replace(whole_run, run_dir=run_dir), resume=True)
+        assert_same_run(run_dir, whole_run.run_dir)
+        assert logged_steps(run_dir) == logged_steps(whole_run.run_dir)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A small run that has ended, to be copied by those who change it."""
+    run_dir = tmp_path_factory.mktemp("finished") / "run"
+    ppo = dataclasses.replace(PPO, total_frames=64, num_steps=16)
+    config = dataclasses.replace(
+        CONFIG, run_dir=run_dir, checkpoint_keep_interval=64, eval_episodes=0, ppo=ppo
+    )
+    train(config)
+    return config
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    run_dir = tmp_path / "copy"
+    shutil.copytree(finished.run_dir, run_dir)
+    return dataclasses.replace(finished, run_dir=run_dir)
+
+
+def longer(config, frames):
+    return dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, total_frames=frames))
+
+
+def test_more_frames_go_on_from_the_end_with_the_new_schedule(copied):
+    result = train(longer(copied, 128), resume=True)
+    assert result.frames == 128
+    rates = [float(row["ppo/learning_rate"]) for row in table(copied.run_dir, "metrics.csv")]
+    # Before: falling to 0 at 64 frames; from there on: falling to 0 at 128.
+    assert np.array(rates) / PPO.learning_rate == pytest.approx([1, 0.5, 0.5, 0.25])
+    assert logged_steps(copied.run_dir)["ppo/entropy"] == [32, 64, 96, 128]
+
+
+def test_a_finished_run_stays_as_it_is(copied):
+    before = table(copied.run_dir, "metrics.csv")
+    result = train(copied, resume=True)
+    assert (result.frames, result.interrupted, result.trained) == (64, False, None)
+    assert table(copied.run_dir, "metrics.csv") == before
+
+
+def test_a_damaged_checkpoint_is_replaced_by_the_one_before_and_that_is_said(copied, finished):
+    last, previous = (copied.run_dir / f"checkpoints/{name}.pt" for name in ("last", "previous"))
+    shutil.copy(copied.run_dir / "checkpoints" / "64.pt", previous)
+    last.write_bytes(last.read_bytes()[:-2000])
+    warned = []
+    train(copied, TrainListener(on_warning=warned.append), resume=True)
+    assert len(warned) == 1
+    assert re.search(r"last\.pt is damaged.* taken instead, .*previous\.pt", warned[0])
+    assert_same_run(copied.run_dir, finished.run_dir)
+
+
+def test_two_trainings_never_share_a_directory(copied):
+    in_use = pytest.raises(ConfigError, match="is in use: another process is training there")
+    with locked_run_dir(copied.run_dir), in_use:
+        train(copied, resume=True)
+    train(copied, resume=True)
+
+
+def test_only_a_training_of_the_same_kind_goes_on(copied):
+    with pytest.raises(ConfigError, match="seed is 5, but the training had 0"):
+        train(dataclasses.replace(copied, seed=5), resume=True)
+    ppo = dataclasses.replace(copied.ppo, gamma=0.9)
+    with pytest.raises(ConfigError, match=r"gamma is 0\.9, but the training had 0\.993"):
+        train(dataclasses.replace(copied, ppo=ppo), resume=True)
+    with pytest.raises(ConfigError, match=r"total_frames is 32, .* had 64 frames already"):
+        train(longer(copied, 32), resume=True)
+    with pytest.raises(ConfigError, match="There is no run at"):
+        train(dataclasses.replace(copied, run_dir=copied.run_dir / "nowhere"), resume=True)
+
+
+def test_a_checkpoint_of_the_first_format_is_refused(copied):
+    last = copied.run_dir / "checkpoints" / "last.pt"
+    content = load_checkpoint(last)
+    content["format_version"] = 1
+    torch.save({name: content[name] for name in ("format_version", "config", "frames")}, last)
+    with pytest.raises(CheckpointError, match="can be evaluated and watched, but no training"):
+        train(copied, resume=True)
+
+
+def test_a_whole_file_that_is_no_trainings_is_refused(copied):
+    last = copied.run_dir / "checkpoints" / "last.pt"
+    content = load_checkpoint(last)
+    del content["format_version"]
+    for change in ({"matches": []}, {"model": {}}, {"random_numbers": None}):
+        save_checkpoint(last, **{**content, **change})
+        with pytest.raises(CheckpointError, match="not that of this training"):
+            train(copied, resume=True)
+
+
+BAD_USAGE = {
+    "option": (["--gamma", "0.9"], "--gamma can't be given with --resume"),
+    "preset": (["--preset=thesis"], "--preset can't be given"),
+    "scenario": (["academy_corner"], "academy_corner can't be given"),
+    "directory": (["--run-dir", "b"], "--run-dir can't be given"),
+    "number": (["--total-frames", "many"], "invalid int value: 'many'"),
+    "range": (["--num-threads", "0"], "num_threads is 0"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_USAGE)
+def test_what_cannot_be_changed_is_refused_by_name(case, finished, capsys):
+    arguments, expected = BAD_USAGE[case]
+    with pytest.raises(SystemExit) as end:
+        parse_resume("fbrl-train", ["--resume", str(finished.run_dir), *arguments])
+    assert end.value.code == 2
+    errors = capsys.readouterr().err
+    assert expected in errors
+    assert errors.count("\n") == 1
+
+
+def test_the_rest_is_taken_from_the_run(finished):
+    line = "--total-frames 640 --num-threads 1 --device cpu --eval-interval 7"
+    config = parse_resume("fbrl-train", ["--resume", str(finished.run_dir), *line.split()])
+    expected = dataclasses.replace(longer(finished, 640), num_threads=1, device="cpu")
+    assert config == dataclasses.replace(expected, eval_interval=7)
+
+
+def test_a_directory_without_a_run_is_named(run_program, tmp_path):
+    (tmp_path / "empty").mkdir()
+    for name in ("empty", "nowhere"):
+        done = run_program("fbrl-train", "--resume", name)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert f"There is no run at {name}" in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+COMMAND = [
+    "academy_3_vs_1_with_keeper",
+    *("--num-envs", "2", "--num-steps", "32", "--num-minibatches", "2", "--hidden-sizes", "16"),
+    *("--total-frames", "1280", "--checkpoint-interval", "64", "--eval-episodes", "0"),
+    *("--num-threads", "1", "--device", "cpu", "--run-dir", "run"),
+]
+
+
+def start(*arguments, cwd):
+    program = Path(sys.executable).with_name("fbrl-train")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen([program, *arguments], cwd=cwd, **pipes)
+
+
+def wait_for_rows(process, run_dir, number):
+    deadline = time.monotonic() + 120
+    while len(table(run_dir, "metrics.csv")) < number:
+        assert time.monotonic() < deadline
+        if process.poll() is not None:
+            break
+        time.sleep(0.01)
+
+
+def test_the_command_that_an_interrupted_run_prints_goes_on(tmp_path):
+    run_dir = tmp_path / "run"
+    process = start(*COMMAND, cwd=tmp_path)
+    wait_for_rows(process, run_dir, 3)
+    with pytest.raises(ConfigError, match="is in use"), locked_run_dir(run_dir):
+        pass
+    process.send_signal(signal.SIGTERM)
+    output, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (130, "")
+    assert len(table(run_dir, "metrics.csv")) < 20
+    (command,) = re.findall(r"^Go on with: (.*)$", output, re.MULTILINE)
+    done = subprocess.run(
+        shlex.split(command), cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("Going on after ")
+    frames = list(range(64, 1281, 64))
+    assert [int(row["frames"]) for row in table(run_dir, "metrics.csv")] == frames
+    assert logged_steps(run_dir)["ppo/entropy"] == frames
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_again_and_again_ends_like_one_that_is_not(tmp_path):
+    (tmp_path / "whole").mkdir()
+    whole = start(*COMMAND, cwd=tmp_path / "whole")
+    assert whole.communicate(timeout=120)[1] == ""
+    run_dir = tmp_path / "run"
+    moments = random.Random(1)
+    process = start(*COMMAND, cwd=tmp_path)
+    for kill in range(1, 4):
+        wait_for_rows(process, run_dir, 5 * kill)
+        time.sleep(moments.uniform(0, 0.2))
+        process.kill()
+        process.communicate()
+        # Whenever it died, a whole checkpoint is there, one interval old at most.
+        frames = load_checkpoint(run_dir, on_warning=pytest.fail)["frames"]
+        assert frames >= int(table(run_dir, "metrics.csv")[-1]["frames"]) - 64
+        process = start("--resume", "run", cwd=tmp_path)
+    assert process.communicate(timeout=120)[1] == ""
+    assert process.returncode == 0
+    assert_same_run(run_dir, tmp_path / "whole" / "run")
+    assert logged_steps(run_dir) == logged_steps(tmp_path / "whole" / "run")
