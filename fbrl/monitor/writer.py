@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -146,10 +147,13 @@ class Monitor:
             "evaluation/matches": len(evaluation.goal_differences),
             "evaluation/seconds": seconds,
         }
+        columns = ["frames", *metrics]
+        # The possession of matches in which nobody had the ball is not known.
+        metrics = {name: value for name, value in metrics.items() if not math.isnan(value)}
         self._write_events(self._events.add_scalars, metrics, frames)
         for name, encoded in images.items():
             self._write_events(self._events.add_image, name, encoded, frames)
-        self._write_row("evaluations.csv", ["frames", *metrics], {"frames": frames, **metrics})
+        self._write_row("evaluations.csv", columns, {"frames": frames, **metrics})
 
     def _write_events(self, add: Callable[..., None], *arguments: Any) -> None:
         self._write("TensorBoard's events", add, *arguments)
