@@ -28,7 +28,9 @@ def shortened(recording, steps):
 
 
 def rendering_processes():
-    return [p for p in psutil.Process().children() if p.status() != psutil.STATUS_ZOMBIE]
+    """Those that this process has started; other tests leave helpers of multiprocessing behind."""
+    alive = [p for p in psutil.Process().children() if p.status() != psutil.STATUS_ZOMBIE]
+    return [p for p in alive if "fbrl.watch.render_process" in p.cmdline()]
 
 
 def test_matches_are_drawn_from_above_and_by_the_engine_in_step():
