@@ -17,7 +17,7 @@ from fbrl.config import TrainConfig
 from fbrl.envs import make_env
 from fbrl.envs.factory import EPISODE_PREFIX
 from fbrl.envs.football import ActionSet
-from fbrl.evaluate import Evaluation, Policy, evaluate
+from fbrl.evaluate import Evaluation, Policy, evaluate, other_seed
 from fbrl.policies import make_policy
 from fbrl.run_groups import RunGroup, group_runs
 from fbrl.run_log import (
@@ -112,13 +112,14 @@ def play(
 ) -> Evaluation:
     """Plays fresh matches; the same arguments on the same machine give the same matches.
 
-    Rewards are those that the agent was trained with; a baseline is shown the analytics reward.
+    See :func:`fresh_seed` for what makes them fresh. Rewards are those that the agent was trained
+    with; a baseline is shown the analytics reward.
 
     Args:
         contestant: Who plays.
         scenario: Where.
         episodes: How many matches at least, see :func:`fbrl.evaluate.play_matches`.
-        seed: Seeds the matches and the sampled actions.
+        seed: Seeds the matches, see :func:`fresh_seed`, and the sampled actions.
         num_envs: Matches at a time.
         greedy: Take the most probable action instead of sampling.
         device: Where the policy runs.
@@ -136,7 +137,7 @@ def play(
         reward="analytics" if config is None else make_training_reward(config),
         observation="simple115" if config is None else config.observation,
         action_set=contestant.action_set,
-        seed=seed,
+        seed=fresh_seed(contestant, scenario, seed),
     )
     cuda = [device] if device.type == "cuda" else []
     with contextlib.closing(env), torch.random.fork_rng(devices=cuda):
@@ -151,13 +152,40 @@ def play(
         )
 
 
+def fresh_seed(contestant: Contestant, scenario: str, seed: int) -> int:
+    """The seed of the matches: another one where an agent's training began with these matches.
+
+    That is so in the scenario that it was trained on, with the seed of its training.
+    """
+    config = contestant.config
+    if config is None or scenario != config.scenario:
+        return seed
+    return other_seed(seed) if seed == config.seed else seed
+
+
+def configurations(contestants: Sequence[Contestant]) -> dict[str, str]:
+    """For the name of each agent what tells its configuration from the others', reward first.
+
+    Raises:
+        RunGroupError: A seed comes twice in a configuration.
+    """
+    groups = _groups(contestants, always=("reward",))
+    return {str(run.run_dir): group.label for group in groups for run in group.runs}
+
+
 def result_row(
-    contestant: Contestant, scenario: str, mode: str, seed: int, evaluation: Evaluation
+    contestant: Contestant,
+    configuration: str | None,
+    scenario: str,
+    mode: str,
+    seed: int,
+    evaluation: Evaluation,
 ) -> Row:
     """An evaluation as numbers: means over the matches, and the goal difference's interval.
 
     Args:
         contestant: Who played.
+        configuration: Of its training, by :func:`configurations`; None for a baseline.
         scenario: Where.
         mode: ``"sample"`` or ``"greedy"``; a baseline has none.
         seed: Of the matches.
@@ -170,6 +198,7 @@ def result_row(
     means.pop("goal_difference")
     return {
         "policy": contestant.name,
+        "configuration": configuration,
         "reward": None if config is None else config.reward,
         "preset": None if config is None else config.preset,
         "trained_on": None if config is None else config.scenario,
@@ -177,7 +206,7 @@ def result_row(
         "frames": contestant.frames,
         "scenario": scenario,
         "mode": None if config is None else mode,
-        "evaluation_seed": seed,
+        "evaluation_seed": fresh_seed(contestant, scenario, seed),
         "matches": len(evaluation.goal_differences),
         "goal_difference": evaluation.goal_difference,
         "goal_difference_low": low,
@@ -267,13 +296,13 @@ def _or_none(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _groups(contestants: Sequence[Contestant]) -> list[RunGroup]:
+def _groups(contestants: Sequence[Contestant], always: Sequence[str] = ()) -> list[RunGroup]:
     runs, frames = [], []
     for contestant in contestants:
         if contestant.config is not None and contestant.frames is not None:
             runs.append(RunLog(Path(contestant.name), contestant.config))
             frames.append(contestant.frames)
-    return group_runs(runs, frames=frames)
+    return group_runs(runs, always, frames)
 
 
 def _pool(group: RunGroup, mode: str, rows: Sequence[Row]) -> PooledSeeds:

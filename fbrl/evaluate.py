@@ -94,6 +94,11 @@ class Evaluation:
         )
 
 
+def other_seed(seed: int) -> int:
+    """A seed whose matches are not those of the given one, far from those that people choose."""
+    return (seed + 2**31) % 2**32
+
+
 def evaluate(
     env: EnvBase,
     policy: Policy,

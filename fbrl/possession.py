@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fbrl.agent import load_agent
 from fbrl.envs import make_env
-from fbrl.evaluate import play_matches
+from fbrl.evaluate import other_seed, play_matches
 from fbrl.transforms.shaped_reward import in_control
 
 _KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
@@ -33,7 +33,8 @@ def ball_positions(
     Args:
         run: the directory of a run, or a checkpoint.
         matches: how many matches at least, see :func:`fbrl.evaluate.play_matches`.
-        seed: seeds the matches and the sampled actions.
+        seed: seeds the matches and the sampled actions; if it is that of the training, matches are
+            played that are not those that it began with.
         num_envs: matches at a time.
         on_progress: called with the number of matches finished so far.
 
@@ -56,7 +57,7 @@ def ball_positions(
             reward="scoring",
             observation=agent.config.observation,
             keep_keys=_KEYS,
-            seed=seed,
+            seed=other_seed(seed) if seed == agent.config.seed else seed,
         )
         stack.callback(env.close)
         torch.manual_seed(seed)

@@ -86,9 +86,9 @@ def read_evaluation_table(path: Path, measure: str, mode: str) -> list[Result]:
     """Goal differences of a table that ``fbrl-eval --csv`` has written.
 
     Args:
-        path: The table. It has the columns ``policy``, ``reward``, ``trained_on``, ``seed``,
-            ``scenario``, ``mode``, ``goal_difference``, ``goal_difference_low`` and
-            ``goal_difference_high``, among others.
+        path: The table. It has the columns ``policy``, ``configuration``, ``reward``,
+            ``trained_on``, ``seed``, ``scenario``, ``mode``, ``goal_difference``,
+            ``goal_difference_low`` and ``goal_difference_high``, among others.
         measure: ``goal-difference`` takes the scenarios that agents were trained on,
             ``generalisation`` the others. Policies that were not trained are in both.
         mode: ``sample`` or ``greedy``: how trained agents chose their actions.
@@ -96,7 +96,9 @@ def read_evaluation_table(path: Path, measure: str, mode: str) -> list[Result]:
     Raises:
         ResultsError: The table is missing, damaged, or has no such rows.
     """
-    rows = _read_rows(path, ("policy", "reward", "trained_on", "seed", "mode", *_GOALS))
+    rows = _read_rows(
+        path, ("policy", "configuration", "reward", "trained_on", "seed", "mode", *_GOALS)
+    )
     chosen = [
         row
         for row in rows
@@ -197,6 +199,8 @@ def _table_result(path: Path, row: Mapping[str, str], name_school: bool) -> Resu
     goals = (_number(path, row, name) for name in _GOALS)
     if not row["trained_on"]:
         return Result(row["scenario"], row["policy"], "", None, *goals)
-    agent = f"{row['reward']}, from {row['trained_on']}" if name_school else row["reward"]
+    agent = row["configuration"]
+    if name_school:
+        agent += f", from {row['trained_on']}"
     seed = int(_number(path, row, "seed"))
     return Result(row["scenario"], agent, row["reward"], seed, *goals)

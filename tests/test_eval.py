@@ -154,6 +154,32 @@ def test_a_runs_log_says_when_it_converged_and_what_the_paper_would_report(run_p
     assert "never" in never.stdout
 
 
+def test_configurations_that_differ_in_more_than_the_seed_are_named_in_the_table(
+    run_program, tmp_path
+):
+    runs = [make_run(tmp_path / "shipped", 0), make_run(tmp_path / "none", 1, density="uniform")]
+    done = run_program("fbrl-eval", *runs, "--episodes", 2, "--json", tmp_path / "out.json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert [row["configuration"] for row in report["results"]] == [
+        "analytics, density as shipped",
+        "analytics, density uniform",
+    ]
+    assert report["seeds"] == []
+
+
+def test_an_agent_does_not_play_the_matches_that_its_training_began_with(run_program, tmp_path):
+    run = make_run(tmp_path / "run", 5)
+    rows = {}
+    for seed in (5, 6):
+        line = ["fbrl-eval", run, "--seed", seed, "--episodes", 2, "--json", tmp_path / "out.json"]
+        line += ["--policy", "random", "--scenario", SCENARIO, "--scenario", "academy_empty_goal"]
+        assert run_program(*line).returncode == 0
+        results = json.loads((tmp_path / "out.json").read_text())["results"]
+        rows[seed] = [row["evaluation_seed"] for row in results]
+    assert rows == {5: [5 + 2**31, 5, 5, 5], 6: [6, 6, 6, 6]}
+
+
 def test_a_seed_that_comes_twice_is_refused_before_the_first_match(run_program, tmp_path):
     runs = [make_run(tmp_path / name, 1) for name in ("one", "two")]
     done = run_program("fbrl-eval", *runs, "--json", tmp_path / "out.json")

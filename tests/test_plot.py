@@ -47,7 +47,8 @@ def run(capsys):
 def table(directory):
     goals = ("goal_difference", "goal_difference_low", "goal_difference_high")
     columns = {
-        "policy": ("a0",), "reward": ("analytics",), "trained_on": ("academy_corner",),
+        "policy": ("a0",), "configuration": ("analytics",), "reward": ("analytics",),
+        "trained_on": ("academy_corner",),
         "seed": (0,), "scenario": ("academy_pass_and_shoot_with_keeper",), "mode": ("sample",),
         **dict.fromkeys(goals, (0.125,)),
     }  # fmt: skip

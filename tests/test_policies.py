@@ -9,7 +9,7 @@ from tensordict import TensorDict
 from fbrl.envs import make_env
 from fbrl.evaluate import evaluate
 from fbrl.names import UnknownNameError
-from fbrl.policies import make_policy
+from fbrl.policies import POLICIES, make_policy
 
 
 def test_the_random_policy_takes_all_actions_equally_often_and_repeatably():
@@ -43,3 +43,10 @@ def test_the_engines_own_player_scores_where_the_idle_one_does_not():
 def test_an_unknown_policy_is_refused_with_the_known_ones():
     with pytest.raises(UnknownNameError, match="builtin-ai"):
         make_policy("builtin_ai")
+
+
+def test_the_commands_know_the_policies_that_there_are():
+    from fbrl.cli import eval as eval_command
+    from fbrl.cli import watch as watch_command
+
+    assert eval_command.POLICIES == watch_command.POLICIES == POLICIES

@@ -72,7 +72,7 @@ class TestEvaluationTable:
     @pytest.fixture
     def table(self, tmp_path):
         def table(*rows, drop=None):
-            names = ["policy", "reward", "trained_on", "seed", "scenario", "mode"]
+            names = ["policy", "configuration", "reward", "trained_on", "seed", "scenario", "mode"]
             names += ["goal_difference", "goal_difference_low", "goal_difference_high", "matches"]
             columns = {
                 name: [(*row, 0.5, 0.4, 0.6, 100)[index] for row in rows]
@@ -83,10 +83,10 @@ class TestEvaluationTable:
 
         return table
 
-    AT_HOME = ("run", "analytics", CORNER, 3, CORNER, "sample")
-    AWAY = ("run", "analytics", CORNER, 3, SHOOT, "sample")
-    GREEDY = ("run", "analytics", CORNER, 3, SHOOT, "greedy")
-    RANDOM = ("random", "", "", "", SHOOT, "")
+    AT_HOME = ("run", "analytics", "analytics", CORNER, 3, CORNER, "sample")
+    AWAY = ("run", "analytics", "analytics", CORNER, 3, SHOOT, "sample")
+    GREEDY = ("run", "analytics", "analytics", CORNER, 3, SHOOT, "greedy")
+    RANDOM = ("random", "", "", "", "", SHOOT, "")
 
     def test_generalisation_is_where_the_agent_was_not_trained(self, table):
         path = table(self.AT_HOME, self.AWAY, self.GREEDY)
@@ -119,21 +119,24 @@ class TestEvaluationTable:
         evaluation = Evaluation({"goal_difference": np.array([1.0, 0.0, 1.0, 0.0])})
         agent = Contestant("run", lambda data: data, config=TrainConfig(CORNER, seed=3))
         rows = [
-            result_row(contestant, SHOOT, "greedy", 7, evaluation)
-            for contestant in (agent, baseline("random"))
+            result_row(contestant, label, SHOOT, "greedy", 7, evaluation)
+            for contestant, label in (
+                (agent, "analytics, density uniform"),
+                (baseline("random"), None),
+            )
         ]
         path = write_table(
             tmp_path / "eval.csv", {name: [row[name] for row in rows] for name in rows[0]}
         )
         low, high = evaluation.interval
         assert read_evaluation_table(path, "generalisation", "greedy") == [
-            Result(SHOOT, "analytics", "analytics", 3, 0.5, low, high),
+            Result(SHOOT, "analytics, density uniform", "analytics", 3, 0.5, low, high),
             Result(SHOOT, "random", "", None, 0.5, low, high),
         ]
 
     def test_agents_of_several_schools_are_told_apart(self, table):
-        other = ("run", "analytics", "academy_corner", 3, SHOOT, "sample")
-        third = ("run", "analytics", "academy_3_vs_1_with_keeper", 3, SHOOT, "sample")
+        other = ("run", "analytics", "analytics", "academy_corner", 3, SHOOT, "sample")
+        third = ("run", "analytics", "analytics", "academy_3_vs_1_with_keeper", 3, SHOOT, "sample")
         results = read_evaluation_table(table(other, third), "generalisation", "sample")
         assert [result.agent for result in results] == [
             "analytics, from academy_corner",

@@ -44,7 +44,8 @@ configurations, by the probability of improvement (Agarwal et al. 2021). A run's
 tells how many frames its training took until a goal difference was reached and kept, and the
 number that the environment's paper reports: the mean of the last 100 training matches.
 
-The same seed and number of places give the same matches. Either side kicks off equally often."""
+The same seed and number of places give the same matches; where an agent's training began with
+these, in its scenario and with its seed, others are played. Either side kicks off equally often."""
 
 _EPILOG = f"""\
 groups of scenarios:
@@ -214,8 +215,9 @@ def _play_all(
     options: argparse.Namespace,
     device: torch.device,
 ) -> list[Row]:
-    from fbrl.comparison import play, result_row
+    from fbrl.comparison import configurations, play, result_row
 
+    labels = configurations(contestants)
     modes = MODES if options.mode == "both" else (options.mode,)
     trained_on = [c.config.scenario for c in contestants if c.config is not None]
     everywhere = scenarios or list(dict.fromkeys(trained_on))
@@ -235,7 +237,10 @@ def _play_all(
                         device=device,
                         on_progress=progress.of(f"{contestant.name} in {scenario}"),
                     )
-                    rows.append(result_row(contestant, scenario, mode, options.seed, evaluation))
+                    label = labels.get(contestant.name)
+                    rows.append(
+                        result_row(contestant, label, scenario, mode, options.seed, evaluation)
+                    )
     return rows
 
 

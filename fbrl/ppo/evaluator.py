@@ -14,7 +14,7 @@ from torchrl.envs import EnvBase
 
 from fbrl.config import TrainConfig
 from fbrl.envs.factory import make_env
-from fbrl.evaluate import Evaluation, Policy, evaluate
+from fbrl.evaluate import Evaluation, Policy, evaluate, other_seed
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo.pictures import MatchPictures, missing_packages
@@ -64,7 +64,7 @@ class Evaluator:
         self._config = config
         self._reward = reward
         self._on_warning = on_warning
-        self._seed = (config.seed + 2**31) % 2**32
+        self._seed = other_seed(config.seed)
         self._env: EnvBase | None = None
         self._pictures: MatchPictures | None = None
         if config.eval_pictures and config.eval_episodes:
