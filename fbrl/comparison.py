@@ -32,8 +32,6 @@ from fbrl.seeds import Estimate, interquartile_mean, probability_of_improvement
 Row = dict[str, Any]
 """One result, flat, as it is written to tables."""
 
-SAMPLE, GREEDY = "sample", "greedy"
-
 
 @dataclass(frozen=True)
 class Contestant:
@@ -232,12 +230,11 @@ def pool_seeds(contestants: Sequence[Contestant], rows: Sequence[Row]) -> list[P
         RunGroupError: A seed comes twice in a configuration.
         ImportError: rliable is not installed.
     """
-    if not any(len(group.runs) > 1 for group in _groups(contestants)):
+    groups = _groups(contestants)
+    if not any(len(group.runs) > 1 for group in groups):
         return []
     modes = list(dict.fromkeys(row["mode"] for row in rows if row["mode"]))
-    return [
-        _pool(group, mode, rows) for group in _groups(contestants) for mode in modes
-    ]  # fmt: skip
+    return [_pool(group, mode, rows) for group in groups for mode in modes]
 
 
 def improvements(pooled: Sequence[PooledSeeds]) -> list[tuple[PooledSeeds, PooledSeeds, Estimate]]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 import json
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from fbrl.allocator import preload_tcmalloc
+from fbrl.atomic_write import atomic_write
 from fbrl.cli.arguments import finite_number, number_from_zero, positive_integer, seed
 from fbrl.cli.commands import check_outputs
 from fbrl.cli.errors import Parser, fail
@@ -158,9 +160,9 @@ def _main(options: argparse.Namespace) -> None:
         report = _evaluate(options, scenarios)
         print_report(report)
         if options.json is not None:
-            _write_whole(options.json, lambda path: _write_json(path, report))
+            _write(options.json, json.dumps(report, indent=2) + "\n")
         if options.csv is not None:
-            _write_whole(options.csv, lambda path: _write_csv(path, report["results"]))
+            _write(options.csv, _csv_table(report["results"]))
     except (CheckpointError, ConfigError, RunGroupError, RunLogError) as error:
         fail(PROGRAM, error)
     except (EngineNotInstalledError, ImportError, OSError) as error:
@@ -244,23 +246,14 @@ def _play_all(
     return rows
 
 
-def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Lets a file be written beside its place and moves it there, whole or not at all."""
-    temporary = path.with_name(path.name + ".partial")
-    try:
-        write(temporary)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+def _write(path: Path, text: str) -> None:
+    with atomic_write(path) as file:
+        file.write(text.encode())
 
 
-def _write_json(path: Path, report: dict[str, Any]) -> None:
-    path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-
-
-def _write_csv(path: Path, rows: Sequence[Row]) -> None:
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, columns)
-        table.writeheader()
-        table.writerows(rows)
+def _csv_table(rows: Sequence[Row]) -> str:
+    text = io.StringIO(newline="")
+    table = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)))
+    table.writeheader()
+    table.writerows(rows)
+    return text.getvalue()

@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from fbrl.atomic_write import atomic_write
 from fbrl.density.position import PositionDensity
 
 FORMAT = "fbrl-assist-density"
@@ -151,20 +152,14 @@ class AssistDensity(nn.Module):
             "peak_end": self.end.peak,
             **dataclasses.asdict(self.metadata),
         }
-        path = Path(path)
-        temporary = path.with_name(path.name + ".partial")
-        try:
-            # Through a file object: numpy would append ".npz" to a path without it.
-            with temporary.open("wb") as file:
-                np.savez_compressed(
-                    file,
-                    metadata=np.array(json.dumps(header, ensure_ascii=False)),
-                    start=self.start.grid.cpu().numpy(),
-                    end=self.end.grid.cpu().numpy(),
-                )
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        # Through a file object: numpy would append ".npz" to a path without it.
+        with atomic_write(Path(path)) as file:
+            np.savez_compressed(
+                file,
+                metadata=np.array(json.dumps(header, ensure_ascii=False)),
+                start=self.start.grid.cpu().numpy(),
+                end=self.end.grid.cpu().numpy(),
+            )
 
 
 def _read(file: IO[bytes], name: str) -> AssistDensity:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from fbrl.atomic_write import atomic_write
 from fbrl.density import AssistDensity, PositionDensity
 from fbrl.density.assist import DensityMetadata
 from fbrl.envs.engine import BUILTIN_AI, MAX_SEED
@@ -69,15 +70,9 @@ def save_replay(
         }
         arrays["density/start"] = density.start.grid.cpu().numpy()
         arrays["density/end"] = density.end.grid.cpu().numpy()
-    path = Path(path)
-    temporary = path.with_name(path.name + ".partial")
-    try:
-        # Through a file object: numpy would append ".npz" to a path without it.
-        with temporary.open("wb") as file:
-            np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    # Through a file object: numpy would append ".npz" to a path without it.
+    with atomic_write(Path(path)) as file:
+        np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
 
 
 def load_replay(
