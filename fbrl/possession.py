@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fbrl.agent import load_agent
 from fbrl.envs import make_env
 from fbrl.evaluate import other_seed, play_matches
-from fbrl.transforms.shaped_reward import in_control
+from fbrl.transforms.ball_control import in_control
 
 _KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
 

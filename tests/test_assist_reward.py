@@ -417,6 +417,30 @@ class TestInsideTorchRL:
         torch.testing.assert_close(paid, plain["next", "reward_end_density"])
         assert renamed["next", "match", "carrier"].tolist() == [A, B]
 
+    def test_without_a_second_team_and_stops_of_the_game(self):
+        absent = ("ball_owned_team", "game_mode")
+        play = [A_HAS_IT, IN_FLIGHT | {"ball_owned_team": 0}, B_HAS_IT, A_HAS_IT]
+        data = stored_trajectory([(play[0], [(state, 0.0) for state in play[1:]])])
+        plain = AssistDensityReward()(data.clone())
+        assert plain["next", "reward_end_density"].flatten().bool().tolist() == [0, 1, 1]
+        fewer = data.exclude(*absent, *(("next", name) for name in absent))
+        transform = AssistDensityReward(keys=dict.fromkeys(absent))
+        assert not set(absent) & set(transform.in_keys)
+        paid = transform(fewer)
+        assert (paid["next", "reward"] == plain["next", "reward"]).all()
+        assert (paid["last_ball_carrier"] == plain["last_ball_carrier"]).all()
+
+    def test_with_nothing_but_a_ball(self):
+        base = ScriptedMatches()
+        for name in INTEGERS:
+            del base.observation_spec[name]
+        env = TransformedEnv(base, AssistDensityReward(keys=dict.fromkeys(INTEGERS)))
+        data = env.rollout(40, break_when_any_done=False)
+        start = data["next", "reward_start_density"].squeeze(-1)
+        assert start.any()
+        torch.testing.assert_close(start, SHIPPED.start(data["next", "ball"][..., :2]))
+        assert not data["next", "reward_end_density"].any()
+
     def test_other_names_inside_an_environment(self):
         from torchrl.envs import RenameTransform
 
@@ -441,17 +465,13 @@ class TestInsideTorchRL:
         data = AssistDensityReward()(stored_trajectory([(A_HAS_IT, [(B_HAS_IT, 0.0)] * 4)]))
         transform = AssistDensityReward()
         observation = transform._observe(data["next"], "'next'")
-        memory = data["last_ball_carrier"]
-
-        def pay(memory, observation, scoring):
-            remembered = transform._remember(memory, observation, scoring)
-            return remembered, transform._pay(memory, remembered, observation)
-
-        compiled = torch.compile(pay, backend="eager", fullgraph=True)
-        scoring = data["next", "reward"].squeeze(-1)
-        torch.testing.assert_close(
-            compiled(memory, observation, scoring), pay(memory, observation, scoring)
+        arguments = (
+            {"last_ball_carrier": data["last_ball_carrier"]},
+            observation,
+            data["next", "reward"].squeeze(-1),
         )
+        compiled = torch.compile(transform._advance, backend="eager", fullgraph=True)
+        torch.testing.assert_close(compiled(*arguments), transform._advance(*arguments))
 
 
 STRIPPED = (
@@ -523,7 +543,7 @@ class TestRelabelling:
     def test_a_single_transition_needs_its_memory(self):
         collected = scripted("possession", batched=False).rollout(5)
         assert (AssistDensityReward()(collected[3].clone()) == collected[3]).all()
-        with pytest.raises(KeyError, match="single transition without 'last_ball_carrier'"):
+        with pytest.raises(KeyError, match="Without 'last_ball_carrier', a single transition"):
             AssistDensityReward()(as_recorded_without(collected)[3])
 
     @pytest.mark.parametrize("shape", [[0], [2, 0], [0, 3]])
@@ -666,6 +686,11 @@ class TestErrors:
             ({"density": 3}, TypeError, "density is a int.*AssistDensity"),
             ({"density": "nowhere.npz"}, FileNotFoundError, "nowhere.npz"),
             ({"keys": {"bal": "ball"}}, ValueError, r"keys renames \['bal'\].*it knows.*'ball'"),
+            (
+                {"keys": {"ball": None}},
+                ValueError,
+                r"None for \['ball'\].*do without.*may lack.*'game_mode'",
+            ),
         ],
     )
     def test_a_wrong_option_is_named_with_what_is_allowed(self, options, error, message):

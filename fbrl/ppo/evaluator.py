@@ -19,7 +19,7 @@ from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo.pictures import MatchPictures, missing_packages
 from fbrl.transforms import ScoringReward
-from fbrl.transforms.shaped_reward import in_control
+from fbrl.transforms.ball_control import in_control
 from fbrl.watch.recording import record_matches
 
 NUM_PLACES = 4

@@ -12,11 +12,10 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from fbrl.density import AssistDensity, open_density
-from fbrl.transforms.shaped_reward import Observation, ShapedReward, in_control
+from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
+from fbrl.transforms.shaped_reward import Memory, ShapedReward
 
 Transition = Literal["possession", "consecutive"]
-
-_NOBODY = -1
 
 
 class AssistDensityReward(ShapedReward):
@@ -74,7 +73,9 @@ class AssistDensityReward(ShapedReward):
             (:meth:`fbrl.density.AssistDensity.default`).
         transition: the reading of ``transition(s, s')``.
         weight: factor of both densities, at least 0.
-        keys: other names for the entries above, by their usual name.
+        keys: other names for the entries above, by their usual name; ``None`` for an integer that
+            the environment lacks, which is then 0. With all of them ``None`` a single player has
+            the ball all the time.
 
     Examples:
         >>> import torch
@@ -109,7 +110,7 @@ class AssistDensityReward(ShapedReward):
         *,
         transition: Transition = "possession",
         weight: float = 1.0,
-        keys: Mapping[str, NestedKey] | None = None,
+        keys: Mapping[str, NestedKey | None] | None = None,
     ) -> None:
         if transition not in get_args(Transition):
             raise ValueError(
@@ -122,23 +123,24 @@ class AssistDensityReward(ShapedReward):
         super().__init__(
             observations=("ball", "ball_owned_team", "ball_owned_player", "active", "game_mode"),
             parts=("reward_start_density", "reward_end_density"),
-            memory="last_ball_carrier" if transition == "possession" else "last_active",
+            memory=("last_ball_carrier" if transition == "possession" else "last_active",),
             keys=keys,
         )
-        self.density = _density_from(density)
+        self.density = density_from(density)
         self.transition = transition
         self.weight = float(weight)
 
-    def _first_memory(self, observation: Observation) -> Tensor:
-        nobody = torch.full_like(observation["active"], _NOBODY)
-        return self._remember(nobody, observation, nobody)
+    def _first_memory(self, observation: Observation) -> Memory:
+        nobody = torch.full_like(observation["active"], NOBODY)
+        return self._remember(dict.fromkeys(self._memory, nobody), observation, nobody)
 
-    def _remember(self, memory: Tensor, observation: Observation, scoring: Tensor) -> Tensor:
+    def _remember(self, memory: Memory, observation: Observation, scoring: Tensor) -> Memory:
+        active = observation["active"]
         if self.transition == "consecutive":
-            return observation["active"].clone()
-        carrier = torch.where(in_control(observation), observation["active"], memory)
-        lost = (observation["game_mode"] != 0) | (observation["ball_owned_team"] == 1)
-        return carrier.masked_fill(lost, _NOBODY)
+            return {"last_active": active.clone()}
+        control, lost = in_control(observation), ball_lost(observation)
+        carrier = last_carrier(memory["last_ball_carrier"], active, control, lost)
+        return {"last_ball_carrier": carrier}
 
     def _recall(
         self,
@@ -146,25 +148,27 @@ class AssistDensityReward(ShapedReward):
         following: TensorDictBase,
         observation: Observation,
         scoring: Tensor,
-    ) -> Tensor:
+    ) -> Memory:
         if self.transition == "consecutive":
             # The root observation alone tells it, in whatever order the steps are.
             return self._first_memory(self._observe(tensordict, "the root"))
         return super()._recall(tensordict, following, observation, scoring)
 
     def _pay(
-        self, memory: Tensor, remembered: Tensor, observation: Observation
+        self, memory: Memory, remembered: Memory, observation: Observation
     ) -> tuple[Tensor, ...]:
+        (name,) = memory
         active = in_control(observation)
-        both_known = torch.minimum(memory, remembered) > _NOBODY
-        received = active & both_known & (memory != remembered)
+        both_known = torch.minimum(memory[name], remembered[name]) > NOBODY
+        received = active & both_known & (memory[name] != remembered[name])
         position = observation["ball"][..., :2]
         start = self.density.start(position) * (active * self.weight)
         end = self.density.end(position) * (received * self.weight)
         return start, end
 
 
-def _density_from(density: AssistDensity | str | os.PathLike[str] | None) -> AssistDensity:
+def density_from(density: AssistDensity | str | os.PathLike[str] | None) -> AssistDensity:
+    """The densities that a reward is given, in any of the ways that it takes them."""
     if density is None:
         return AssistDensity.default()
     if isinstance(density, (str, os.PathLike)):

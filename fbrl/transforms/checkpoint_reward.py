@@ -8,7 +8,8 @@ import torch
 from tensordict import NestedKey
 from torch import Tensor
 
-from fbrl.transforms.shaped_reward import Observation, ShapedReward, in_control
+from fbrl.transforms.ball_control import Observation, in_control
+from fbrl.transforms.shaped_reward import Memory, ShapedReward
 
 NUM_CHECKPOINTS = 10
 CHECKPOINT_REWARD = 0.1
@@ -40,7 +41,8 @@ class CheckpointReward(ShapedReward):
     :meth:`forward`.
 
     Args:
-        keys: other names for these entries, by their usual name.
+        keys: other names for these entries, by their usual name; ``None`` for an integer that the
+            environment lacks, which is then 0.
 
     Examples:
         >>> import torch
@@ -57,11 +59,11 @@ class CheckpointReward(ShapedReward):
 
     _thresholds: Tensor
 
-    def __init__(self, *, keys: Mapping[str, NestedKey] | None = None) -> None:
+    def __init__(self, *, keys: Mapping[str, NestedKey | None] | None = None) -> None:
         super().__init__(
             observations=("ball", "ball_owned_team", "ball_owned_player", "active"),
             parts=("reward_checkpoint",),
-            memory="checkpoints_collected",
+            memory=("checkpoints_collected",),
             keys=keys,
         )
         # The order of operations and the precision are gfootball's.
@@ -70,17 +72,19 @@ class CheckpointReward(ShapedReward):
             "_thresholds", torch.tensor(thresholds, dtype=torch.float64), persistent=False
         )
 
-    def _first_memory(self, observation: Observation) -> Tensor:
-        return torch.zeros_like(observation["active"])
+    def _first_memory(self, observation: Observation) -> Memory:
+        return {"checkpoints_collected": torch.zeros_like(observation["active"])}
 
-    def _remember(self, memory: Tensor, observation: Observation, scoring: Tensor) -> Tensor:
+    def _remember(self, memory: Memory, observation: Observation, scoring: Tensor) -> Memory:
         ball = observation["ball"].to(torch.float64)
         distance = ((ball[..., 0] - 1.0) ** 2 + ball[..., 1] ** 2) ** 0.5
         reached = (distance.unsqueeze(-1) <= self._thresholds).sum(-1)
-        collected = torch.where(in_control(observation), torch.maximum(memory, reached), memory)
-        return collected.masked_fill(scoring == 1, NUM_CHECKPOINTS)
+        before = memory["checkpoints_collected"]
+        collected = torch.where(in_control(observation), torch.maximum(before, reached), before)
+        return {"checkpoints_collected": collected.masked_fill(scoring == 1, NUM_CHECKPOINTS)}
 
     def _pay(
-        self, memory: Tensor, remembered: Tensor, observation: Observation
+        self, memory: Memory, remembered: Memory, observation: Observation
     ) -> tuple[Tensor, ...]:
-        return ((remembered - memory) * CHECKPOINT_REWARD,)
+        newly = remembered["checkpoints_collected"] - memory["checkpoints_collected"]
+        return (newly * CHECKPOINT_REWARD,)

@@ -9,6 +9,7 @@ from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
 from fbrl.density.pitch import METRES_PER_UNIT
+from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
 from fbrl.transforms.raw_observation import read_fields
 
 __all__ = ["PLAY_STATISTICS", "PlayStatistics"]
@@ -31,7 +32,6 @@ _FIELDS = (
     "ball_owned_player",
     "game_mode",
 )
-_NOBODY = -1
 
 # On 20,000 steps of scripted and built-in play, with shots told from passes by the action pressed,
 # shots flew at 2 to 3.3 metres a step (100 ms) and passes at 1.2 to 2.1.
@@ -79,11 +79,12 @@ class PlayStatistics(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        _, _, active, team, player, mode = self._read(tensordict_reset)
-        control = (team == 0) & (player == active)
-        nobody = torch.full_like(active, _NOBODY)
+        observation = self._read(tensordict_reset)
+        active = observation["active"]
+        nobody = torch.full_like(active, NOBODY)
         # A ball that nobody has had yet may be shot at once, as in academy_empty_goal_close.
-        memory = torch.stack(_remember(nobody, team != 1, control, active, team, mode), -1)
+        is_ours = observation["ball_owned_team"] != 1
+        memory = _remember(nobody, is_ours, in_control(observation), observation)
         totals = torch.zeros((*active.shape, len(PLAY_STATISTICS)), device=active.device)
         mask = tensordict.get("_reset", None)
         kept = tensordict.get("play_memory", None)
@@ -103,27 +104,29 @@ class PlayStatistics(Transform):
                 "PlayStatistics found no 'play_statistics' in the tensordict that was stepped. "
                 "Step what env.reset() or the previous step returned, with that entry kept."
             )
-        ball, direction, active, team, player, mode = self._read(next_tensordict)
+        observation = self._read(next_tensordict)
+        active, team = observation["active"], observation["ball_owned_team"]
+        in_play = observation["game_mode"] == 0
         scoring = next_tensordict.get("reward_scoring").squeeze(-1)
         carrier, is_ours = memory.unbind(-1)
 
-        control = (team == 0) & (player == active)
-        passed = control & (carrier > _NOBODY) & (carrier != active) & (mode == 0)
-        free = (team == _NOBODY) & (mode == 0)
-        shot = (is_ours == 1) & ((free & _flies_at_goal(ball, direction)) | (scoring > 0))
+        control = in_control(observation)
+        passed = control & (carrier > NOBODY) & (carrier != active) & in_play
+        free = (team == NOBODY) & in_play
+        shot = (is_ours == 1) & ((free & _flies_at_goal(observation)) | (scoring > 0))
         happened = (scoring > 0, scoring < 0, team == 0, team == 1, passed, shot)
         next_tensordict.set("play_statistics", totals + torch.stack(happened, -1))
 
-        is_ours = (is_ours == 1) & ~shot
-        remembered = _remember(carrier, is_ours, control, active, team, mode)
-        return next_tensordict.set("play_memory", torch.stack(remembered, -1))
+        remembered = _remember(carrier, (is_ours == 1) & ~shot, control, observation)
+        return next_tensordict.set("play_memory", remembered)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Totals are counted step by step in an environment; there is nothing to do here."""
         return tensordict
 
-    def _read(self, tensordict: TensorDictBase) -> list[Tensor]:
-        return read_fields(tensordict, self.in_keys, _FIELDS, type(self).__name__)
+    def _read(self, tensordict: TensorDictBase) -> Observation:
+        fields = read_fields(tensordict, self.in_keys, _FIELDS, type(self).__name__)
+        return dict(zip(_FIELDS, fields, strict=True))
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Adds the totals and the memory."""
@@ -147,14 +150,16 @@ class PlayStatistics(Transform):
 
 
 def _remember(
-    carrier: Tensor, is_ours: Tensor, control: Tensor, active: Tensor, team: Tensor, mode: Tensor
-) -> tuple[Tensor, Tensor]:
-    lost = (mode != 0) | (team == 1)
-    carrier = torch.where(control, active, carrier).masked_fill(lost, _NOBODY)
-    return carrier, ((is_ours | (team == 0)) & ~lost).long()
+    carrier: Tensor, is_ours: Tensor, control: Tensor, observation: Observation
+) -> Tensor:
+    lost = ball_lost(observation)
+    carrier = last_carrier(carrier, observation["active"], control, lost)
+    is_ours = (is_ours | (observation["ball_owned_team"] == 0)) & ~lost
+    return torch.stack((carrier, is_ours.long()), -1)
 
 
-def _flies_at_goal(ball: Tensor, direction: Tensor) -> Tensor:
+def _flies_at_goal(observation: Observation) -> Tensor:
+    ball, direction = observation["ball"], observation["ball_direction"]
     x, y = ball[..., 0], ball[..., 1]
     dx, dy = direction[..., 0], direction[..., 1]
     speed = torch.hypot(dx * METRES_PER_UNIT[0], dy * METRES_PER_UNIT[1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import torch
 from tensordict import NestedKey, TensorDictBase, unravel_key
@@ -43,9 +43,13 @@ class ScoringReward(Transform):
         self._set_keys((), (), keys)
 
     def _set_keys(
-        self, reads: Sequence[str], writes: Sequence[str], keys: Mapping[str, NestedKey] | None
+        self,
+        reads: Sequence[str],
+        writes: Sequence[str],
+        keys: Mapping[str, NestedKey | None] | None,
+        optional: Collection[str] = (),
     ) -> None:
-        names = ["reward", "reward_scoring", "done", *reads, *writes]
+        names = ["reward", "reward_scoring", "done", "terminated", *reads, *writes]
         given = dict(keys or {})
         unknown = [name for name in given if name not in names]
         if unknown:
@@ -53,9 +57,17 @@ class ScoringReward(Transform):
                 f"keys renames {unknown}, which {type(self).__name__} neither reads nor writes; "
                 f"it knows {names}."
             )
-        resolved = {name: unravel_key(given.get(name, name)) for name in names}
+        needed = [name for name, key in given.items() if key is None and name not in optional]
+        if needed:
+            raise ValueError(
+                f"keys says None for {needed}, which {type(self).__name__} cannot do without; "
+                f"the environment may lack {list(optional) or 'nothing'}."
+            )
+        resolved = {
+            name: unravel_key(key) for name in names if (key := given.get(name, name)) is not None
+        }
         super().__init__(
-            in_keys=[resolved[name] for name in ("reward", *reads)],
+            in_keys=[resolved[name] for name in ("reward", *reads) if name in resolved],
             out_keys=[resolved[name] for name in ("reward", "reward_scoring", *writes)],
         )
         self._keys = resolved

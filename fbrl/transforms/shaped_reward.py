@@ -6,21 +6,23 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from tensordict.utils import expand_as_right
 from torch import Tensor
 from torchrl.data import Composite, Unbounded
 
+from fbrl.transforms.ball_control import Observation
 from fbrl.transforms.scoring_reward import ScoringReward
 
-Observation = dict[str, Tensor]
-"""Observation entries by their usual names; all but ``ball`` have its leading shape."""
+Memory = dict[str, Tensor]
+"""What is remembered of an episode, by its usual names; each has the match's leading shape."""
 
 
 class ShapedReward(ScoringReward):
-    """Base of the rewards ``reward = reward_scoring + parts``, with an integer memory.
+    """Base of the rewards ``reward = reward_scoring + parts``, with a memory.
 
     The memory lives in the tensordict, as :class:`~torchrl.envs.StepCounter`'s count does: the
-    root entry is the memory before the action, the one under ``"next"`` the memory after it. The
+    root entries are the memory before the action, those under ``"next"`` the memory after it. The
     module holds no state, so single, batched, vectorised and partially reset environments,
     collectors and stored data all work alike.
 
@@ -28,10 +30,17 @@ class ShapedReward(ScoringReward):
     for it (:meth:`_pay`).
 
     Args:
-        observations: usual names of the observation entries that are read, ``ball`` among them.
+        observations: usual names of the observation entries that are read: ``ball``, and integers.
         parts: usual names of the parts besides ``reward_scoring``.
-        memory: usual name of the memory entry.
-        keys: other names for these entries, see :class:`~fbrl.transforms.ScoringReward`.
+        memory: usual names of the memory's entries.
+        keys: other names for these entries, see :class:`~fbrl.transforms.ScoringReward`. An integer
+            whose key is ``None`` is 0 throughout.
+    """
+
+    _stored_memory_is_valid = True
+    """Whether data that another reward of this class has written can be relabelled one by one.
+
+    Not where the memory depends on what that one has paid.
     """
 
     def __init__(
@@ -39,13 +48,14 @@ class ShapedReward(ScoringReward):
         *,
         observations: Sequence[str],
         parts: Sequence[str],
-        memory: str,
-        keys: Mapping[str, NestedKey] | None,
+        memory: Sequence[str],
+        keys: Mapping[str, NestedKey | None] | None = None,
     ) -> None:
-        self._set_keys(observations, [*parts, memory], keys)
+        integers = [name for name in observations if name != "ball"]
+        self._set_keys(observations, [*parts, *memory], keys, optional=integers)
         self._observations = tuple(observations)
         self._parts = tuple(parts)
-        self._memory = memory
+        self._memory = tuple(memory)
 
     @property
     def part_names(self) -> tuple[str, ...]:
@@ -53,28 +63,38 @@ class ShapedReward(ScoringReward):
         return ("reward_scoring", *self._parts)
 
     @abstractmethod
-    def _first_memory(self, observation: Observation) -> Tensor:
-        """Return the memory at the start of an episode, int64 of shape (...)."""
+    def _first_memory(self, observation: Observation) -> Memory:
+        """Return the memory at the start of an episode."""
 
     @abstractmethod
-    def _remember(self, memory: Tensor, observation: Observation, scoring: Tensor) -> Tensor:
+    def _remember(self, memory: Memory, observation: Observation, scoring: Tensor) -> Memory:
         """Return the memory after a step that led to this observation and scoring reward."""
 
     @abstractmethod
     def _pay(
-        self, memory: Tensor, remembered: Tensor, observation: Observation
+        self, memory: Memory, remembered: Memory, observation: Observation
     ) -> tuple[Tensor, ...]:
         """Return the parts, each of shape (...), for a step between these two memories."""
+
+    def _advance(
+        self, memory: Memory, observation: Observation, scoring: Tensor
+    ) -> tuple[Memory, tuple[Tensor, ...]]:
+        """Return the memory after a step, and the parts that the step earns."""
+        remembered = self._remember(memory, observation, scoring)
+        return remembered, self._pay(memory, remembered, observation)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        memory = self._first_memory(self._observe(tensordict_reset, "the reset's result"))
-        kept = tensordict.get(self._keys[self._memory], None)
+        observation = self._observe(tensordict_reset, "the reset's result")
+        memory = self._first_memory(observation)
+        kept = self._stored_memory(tensordict)
         reset = tensordict.get("_reset", None)
         if kept is not None and reset is not None:
-            memory = torch.where(reset.reshape(kept.shape), memory, kept)
-        return tensordict_reset.set(self._keys[self._memory], memory)
+            memory = _where(reset.reshape(observation["ball"].shape[:-1]), memory, kept)
+        for name, value in memory.items():
+            tensordict_reset.set(self._keys[name], value)
+        return tensordict_reset
 
     def _reset_on_native_autoreset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -82,16 +102,21 @@ class ShapedReward(ScoringReward):
         return self._reset(tensordict, tensordict_reset)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        memory = tensordict.get(self._keys[self._memory], None)
+        memory = self._stored_memory(tensordict)
         if memory is None:
+            missing = [
+                self._keys[name]
+                for name in self._memory
+                if tensordict.get(self._keys[name], None) is None
+            ]
             raise KeyError(
-                f"{type(self).__name__} found no {self._keys[self._memory]!r} in the tensordict "
+                f"{type(self).__name__} found no {missing[0]!r} in the tensordict "
                 "that was stepped. Step what env.reset() or the previous step returned, with that "
                 "entry kept."
             )
         # Never a `reward_scoring` left over from an earlier step of the same tensordict.
         scoring = self._get(next_tensordict, "reward", "the step's result")
-        observation = self._observe(next_tensordict, "the step's result")
+        observation = self._observe_result(next_tensordict, "the step's result")
         self._check_shapes(scoring, observation)
         self._write(next_tensordict, memory, observation, scoring)
         return next_tensordict
@@ -100,10 +125,10 @@ class ShapedReward(ScoringReward):
         """Relabel stored transitions; doing it twice changes nothing.
 
         The scoring reward is ``reward_scoring`` where it is present, else ``reward``. The memory
-        is read from the root; where it is absent, it is worked out along the time dimension: the
-        one named ``"time"``, else the last batch dimension. Such data must hold whole, ordered
-        steps; a stored window that begins in the middle of an episode starts with the memory of an
-        episode that begins there.
+        is read from the root; where it is absent, or depends on the reward, it is worked out along
+        the time dimension: the one named ``"time"``, else the last batch dimension. Such data must
+        hold whole, ordered steps; a stored window that begins in the middle of an episode starts
+        with the memory of an episode that begins there.
 
         Args:
             tensordict: transitions with the observation at their root and under ``"next"``.
@@ -113,24 +138,29 @@ class ShapedReward(ScoringReward):
 
         Raises:
             KeyError: if an entry is missing.
-            ValueError: if the memory is missing and the steps do not follow each other.
+            ValueError: if the memory has to be worked out and the steps do not follow each other.
         """
         following = self._following(tensordict)
         scoring = self._stored_scoring(following)
-        observation = self._observe(following, "'next'")
+        observation = self._observe_result(following, "'next'")
         self._check_shapes(scoring, observation)
-        memory = tensordict.get(self._keys[self._memory], None)
+        memory = self._stored_memory(tensordict) if self._stored_memory_is_valid else None
         if memory is None:
             memory = self._recall(tensordict, following, observation, scoring)
-            tensordict.set(self._keys[self._memory], memory)
+            for name, value in memory.items():
+                tensordict.set(self._keys[name], value)
         self._write(following, memory, observation, scoring)
         return tensordict
 
+    def _stored_memory(self, tensordict: TensorDictBase) -> Memory | None:
+        """Return the memory at the root, ``None`` where an entry of it is missing."""
+        memory = {name: tensordict.get(self._keys[name], None) for name in self._memory}
+        return None if any(value is None for value in memory.values()) else memory
+
     def _write(
-        self, following: TensorDictBase, memory: Tensor, observation: Observation, scoring: Tensor
+        self, following: TensorDictBase, memory: Memory, observation: Observation, scoring: Tensor
     ) -> None:
-        remembered = self._remember(memory, observation, scoring.squeeze(-1))
-        parts = self._pay(memory, remembered, observation)
+        remembered, parts = self._advance(memory, observation, scoring.squeeze(-1))
         reward = scoring
         for name, part in zip(self._parts, parts, strict=True):
             paid = part.to(torch.float32).unsqueeze(-1)
@@ -138,7 +168,8 @@ class ShapedReward(ScoringReward):
             reward = reward + paid
         following.set(self._keys["reward_scoring"], scoring)
         following.set(self._keys["reward"], reward)
-        following.set(self._keys[self._memory], remembered)
+        for name, value in remembered.items():
+            following.set(self._keys[name], value)
 
     def _check_shapes(self, scoring: Tensor, observation: Observation) -> None:
         shape = observation["ball"].shape[:-1]
@@ -158,10 +189,16 @@ class ShapedReward(ScoringReward):
             )
         observation = {"ball": ball}
         for name in self._observations:
-            if name != "ball":
+            if name not in self._keys:
+                observation[name] = ball.new_zeros(ball.shape[:-1], dtype=torch.int64)
+            elif name != "ball":
                 value = self._get(tensordict, name, where)
                 observation[name] = _as_index(value, ball.shape[:-1], self._keys[name], where)
         return observation
+
+    def _observe_result(self, following: TensorDictBase, where: str) -> Observation:
+        """Read what a step led to."""
+        return self._observe(following, where)
 
     def _recall(
         self,
@@ -169,34 +206,32 @@ class ShapedReward(ScoringReward):
         following: TensorDictBase,
         observation: Observation,
         scoring: Tensor,
-    ) -> Tensor:
+    ) -> Memory:
         """Work out the memory before each step of stored, ordered steps."""
         if not tensordict.batch_dims:
+            without, store = self._why_recalled()
             raise KeyError(
-                f"A single transition without {self._keys[self._memory]!r} cannot be relabelled: "
-                "the reward depends on the episode so far. Store that entry with the data, or pass "
-                "a whole trajectory."
+                f"{without}, a single transition cannot be relabelled: the reward depends on the "
+                f"episode so far. {store}Pass a whole trajectory."
             )
         names = tensordict.names
         time = names.index("time") if "time" in names else tensordict.batch_dims - 1
         before = self._observe(tensordict, "the root")
         first = self._first_memory(before)
-        if not first.shape[time]:
+        shape = before["ball"].shape[:-1]
+        if not shape[time]:
             return first
-        done = self._get(following, "done", "'next'").reshape(first.shape)
+        done = self._get(following, "done", "'next'").reshape(shape)
         self._check_ordered(before, observation, done, time)
 
-        steps = [
-            {name: value.select(time, t) for name, value in observation.items()}
-            for t in range(first.shape[time])
-        ]
-        memory, recalled = first, []
-        for t, step in enumerate(steps):
-            start = first.select(time, t)
-            memory = torch.where(done.select(time, t - 1), start, memory) if t else start
+        memory, recalled = _select(first, time, 0), []
+        for t in range(shape[time]):
+            if t:
+                memory = _where(done.select(time, t - 1), _select(first, time, t), memory)
             recalled.append(memory)
-            memory = self._remember(memory, step, scoring.squeeze(-1).select(time, t))
-        return torch.stack(recalled, time)
+            step = _select(observation, time, t)
+            memory, _ = self._advance(memory, step, scoring.squeeze(-1).select(time, t))
+        return {name: torch.stack([each[name] for each in recalled], time) for name in first}
 
     def _check_ordered(
         self, before: Observation, after: Observation, done: Tensor, time: int
@@ -210,35 +245,63 @@ class ShapedReward(ScoringReward):
             if name == "ball":
                 same = same.all(-1)
             if not bool((same | ended).all()):
+                without, store = self._why_recalled()
                 raise ValueError(
-                    f"Without {self._keys[self._memory]!r}, {type(self).__name__} needs "
-                    f"consecutive steps along batch dimension {time}, but {self._keys[name]!r} of "
-                    "some step is not what the step before led to. Store the memory with the data, "
-                    "relabel the trajectory before shuffling it, or name its time dimension "
-                    "'time'. With a SliceSampler, call this transform on what it returns."
+                    f"{without}, {type(self).__name__} needs consecutive steps along "
+                    f"batch dimension {time}, but {self._keys[name]!r} of some step is not what "
+                    f"the step before led to. {store}Relabel the trajectory before shuffling it, "
+                    "or name its time dimension 'time'. With a SliceSampler, call this transform "
+                    "on what it returns."
                 )
+
+    def _why_recalled(self) -> tuple[str, str]:
+        if not self._stored_memory_is_valid:
+            return "With a memory that depends on the reward", ""
+        memory = " and ".join(repr(self._keys[name]) for name in self._memory)
+        return f"Without {memory}", "Store it with the data. Or: "
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Add the memory."""
-        observation_spec[self._keys[self._memory]] = self._memory_spec(observation_spec)
+        for name, spec in self._memory_specs(observation_spec).items():
+            observation_spec[self._keys[name]] = spec
         return observation_spec
 
     def transform_state_spec(self, state_spec: Composite) -> Composite:
         """Add the memory to what a step needs, so that batched environments hand it on."""
         observation_spec = self.parent.full_observation_spec
-        state_spec[self._keys[self._memory]] = self._memory_spec(observation_spec)
+        for name, spec in self._memory_specs(observation_spec).items():
+            state_spec[self._keys[name]] = spec
         return state_spec
 
-    def _memory_spec(self, observation_spec: Composite) -> Unbounded:
+    def _memory_specs(self, observation_spec: Composite) -> dict[str, Unbounded]:
         present = observation_spec.keys(True, True)
+        example = TensorDict(batch_size=observation_spec.shape, device=observation_spec.device)
         for name in self._observations:
-            if self._keys[name] not in present:
+            key = self._keys.get(name, None)
+            if key is None:
+                continue
+            if key not in present:
                 raise KeyError(
-                    f"{type(self).__name__} found no {self._keys[name]!r} among the environment's "
+                    f"{type(self).__name__} found no {key!r} among the environment's "
                     f"observations {sorted(map(str, present))}. Pass keys={{{name!r}: <its key>}}."
                 )
-        ball = observation_spec[self._keys["ball"]]
-        return Unbounded(ball.shape[:-1], dtype=torch.int64, device=ball.device)
+            example.set(key, observation_spec[key].zero())
+        first = self._first_memory(self._observe(example, "the environment's observations"))
+        return {
+            name: Unbounded(value.shape, dtype=value.dtype, device=value.device)
+            for name, value in first.items()
+        }
+
+
+def _where(mask: Tensor, chosen: Memory, other: Memory) -> Memory:
+    return {
+        name: torch.where(expand_as_right(mask, value), value, other[name])
+        for name, value in chosen.items()
+    }
+
+
+def _select(entries: dict[str, Tensor], dimension: int, index: int) -> dict[str, Tensor]:
+    return {name: value.select(dimension, index) for name, value in entries.items()}
 
 
 def _as_index(value: Tensor, shape: torch.Size, key: NestedKey, where: str) -> Tensor:
@@ -254,9 +317,3 @@ def _as_index(value: Tensor, shape: torch.Size, key: NestedKey, where: str) -> T
             f"ball, or {(*shape, 1)}."
         )
     return value.long()
-
-
-def in_control(observation: Observation) -> Tensor:
-    """Whether the controlled player has the ball: active(s) of the thesis, shape (...)."""
-    own_player = observation["ball_owned_player"] == observation["active"]
-    return (observation["ball_owned_team"] == 0) & own_player
