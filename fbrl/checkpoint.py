@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -50,10 +51,13 @@ def save_checkpoint(path: Path, *, keep_as: Path | None = None, **content: Any) 
         TypeError: There is something else in it, which could not be read back.
         OSError: The file can't be written.
     """
+    header = {"format_version": FORMAT_VERSION, "sha256": _digest(content)}
+    # On a full disk torch.save itself would raise a RuntimeError about its own archive.
+    whole = io.BytesIO()
+    torch.save({**header, **content}, whole)
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path, keep_as) as file:
-        header = {"format_version": FORMAT_VERSION, "sha256": _digest(content)}
-        torch.save({**header, **content}, file)
+        file.write(whole.getbuffer())
 
 
 def load_checkpoint(

@@ -25,6 +25,7 @@ CHANGEABLE_ON_RESUME = (
     "checkpoint_interval",
     "checkpoint_keep_interval",
     "eval_interval",
+    "hang_timeout",
 )
 """What may be changed when a training goes on; all the rest decides what it is."""
 
@@ -171,6 +172,10 @@ class TrainConfig:
     """Frames between two checkpoints that are kept for good, as checkpoints/<frames>.pt; 0 for
     none."""
 
+    hang_timeout: int = 120
+    """Seconds that one step of a match may take before the training is saved and ended, because
+    the engine hangs; 0 for any time. A step takes milliseconds."""
+
     eval_episodes: int = 200
     """Fresh matches played with the trained policy at the end; 0 for none. The presets play 16 of
     the scenarios that last 3000 steps."""
@@ -207,7 +212,7 @@ class TrainConfig:
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
         _check(self, "num_threads", self.num_threads is None or self.num_threads >= 1, "at least 1")
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
-        for name in ("checkpoint_keep_interval", "eval_episodes", "eval_interval"):
+        for name in ("checkpoint_keep_interval", "hang_timeout", "eval_episodes", "eval_interval"):
             _check(self, name, getattr(self, name) >= 0, "at least 0")
         for name in ("density", "transition"):
             value, default = getattr(self, name), getattr(type(self), name)

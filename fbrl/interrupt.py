@@ -18,7 +18,10 @@ class Interrupted(BaseException):
 
 
 class Interrupt:
-    """Turns Ctrl-C, SIGTERM and SIGHUP into an orderly end.
+    """Turns Ctrl-C, SIGTERM, SIGHUP and SIGUSR1 into an orderly end.
+
+    Schedulers send SIGTERM, or as Slurm's ``--signal=USR1@120`` asks for SIGUSR1, before they take
+    a machine away.
 
     As a context manager it takes these signals over, except those that were ignored on purpose.
     The first one raises :class:`Interrupted` inside :meth:`allowed` blocks, at once or when the
@@ -35,7 +38,7 @@ class Interrupt:
         requested: A signal has come.
     """
 
-    _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
 
     def __init__(self, on_postponed: Callable[[], None] = lambda: None) -> None:
         self.requested = False

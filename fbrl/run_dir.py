@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
-from collections.abc import Iterator
+import os
 from datetime import datetime
 from pathlib import Path
+from typing import BinaryIO
 
 from fbrl.config import ConfigError, TrainConfig
 
@@ -45,22 +45,66 @@ def existing_run_dir(config: TrainConfig) -> Path:
     return config.run_dir
 
 
-@contextlib.contextmanager
-def locked_run_dir(run_dir: Path) -> Iterator[None]:
-    """Keeps other trainings out of a run's directory.
+class RunDirReplacedError(RuntimeError):
+    """Raised where another training was begun in a directory that was taken from this one."""
 
-    The lock ends with the process, however that ends; the file stays.
+
+class RunDirLock:
+    """Keeps other trainings out of a run's directory until it is closed, or the process ends.
+
+    Args:
+        run_dir: The directory; it must exist.
 
     Raises:
         ConfigError: Another process is training there.
         OSError: The directory can't be written, or its file system knows no locks.
     """
-    with (run_dir / LOCK_NAME).open("ab") as file:
+
+    def __init__(self, run_dir: Path) -> None:
+        self.run_dir = run_dir
+        self._file = _locked_file(run_dir)
+
+    def renew(self) -> bool:
+        """Makes the directory anew where it is gone.
+
+        Returns:
+            Whether it was.
+
+        Raises:
+            RunDirReplacedError: There is another one in its place.
+            OSError: It can't be made or looked at.
+        """
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise ConfigError(
-                f"The run directory {run_dir} is in use: another process is training there. Wait "
-                "for its end, or end it with Ctrl-C or SIGTERM, which saves it."
-            ) from error
-        yield
+            found = (self.run_dir / LOCK_NAME).stat()
+        except FileNotFoundError:
+            is_gone = not self.run_dir.is_dir()
+            self.run_dir.mkdir(parents=True, exist_ok=True)
+            file = _locked_file(self.run_dir)
+            self._file.close()
+            self._file = file
+            return is_gone
+        if not os.path.samestat(found, os.fstat(self._file.fileno())):
+            raise RunDirReplacedError(
+                f"The run directory {self.run_dir} was deleted, and another training was begun "
+                "there: this one ends, and leaves the other one's files alone."
+            )
+        return False
+
+    def close(self) -> None:
+        """Lets other trainings in; the file stays."""
+        self._file.close()
+
+
+def _locked_file(run_dir: Path) -> BinaryIO:
+    file = (run_dir / LOCK_NAME).open("ab")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        file.close()
+        if not isinstance(error, BlockingIOError):
+            raise
+        raise ConfigError(
+            f"The run directory {run_dir} is in use: another process is training there. Wait "
+            "for its end, or end it with Ctrl-C or SIGTERM, which saves it."
+        ) from error
+    return file

@@ -11,11 +11,12 @@ import pytest
 from fbrl.interrupt import Interrupt, Interrupted
 
 
-def test_a_signal_leaves_an_allowed_block_at_once():
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])
+def test_a_signal_leaves_an_allowed_block_at_once(number):
     reached = []
     with Interrupt() as interrupt:
         with contextlib.suppress(Interrupted), interrupt.allowed():
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(number)
             reached.append("after the signal")
         assert interrupt.requested
     assert reached == []

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 import shutil
 import subprocess
 import sys
+import time
 
 import numpy as np
 import PIL.Image
@@ -25,6 +27,7 @@ from fbrl.envs.actions import ACTION_NAMES
 from fbrl.envs.engine import load_gfootball
 from fbrl.evaluate import Evaluation
 from fbrl.monitor import BALL_POSITIONS, MATCHES_IN_MEAN, SCALARS, Monitor
+from fbrl.monitor.appended_file import MOST_WAITING_BYTES, AppendedFile
 from fbrl.monitor.writer import FRESH_FIGURES, GOAL_DIFFERENCE_NAMES
 from fbrl.transforms import PLAY_STATISTICS
 
@@ -254,36 +257,68 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (events.stat().st_size + 5000, -1))
 for frames in range(1, 101):
     metrics = log(monitor, make_batch([[1]], [[True]]), frames)
     log_evaluation(monitor, frames)
-assert metrics["match/count"] == 100
+print("room again")
+resource.setrlimit(resource.RLIMIT_FSIZE, (-1, -1))
+log(monitor, make_batch([[1]], [[True]]), 101)
 """
 
 
-def test_a_full_disk_ends_the_log_with_a_warning_for_each_file_but_not_the_training(tmp_path):
+def test_what_a_full_disk_keeps_out_of_the_log_is_written_later_with_a_warning_each(tmp_path):
     # A limit to the size of files, which the two larger ones reach.
     line = [sys.executable, "-c", FULL_DISK, tmp_path]
     done = subprocess.run(
         line, cwd=REPOSITORY / "tests", capture_output=True, text=True, timeout=120
     )
     assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
     files = ("TensorBoard's events", "metrics.csv")
-    for file, line in zip(files, done.stdout.splitlines(), strict=True):
-        assert line.startswith(f"{file} can't be written any more ([Errno 27] File too large)")
-        assert line.endswith("The training goes on without.")
-    # What was written before is there: nothing is lost but the rest.
-    assert len(read_events(tmp_path).Scalars("ppo/entropy")) >= 3
+    for file, line in zip(files, lines, strict=False):
+        assert line.startswith(f"{file} can't be written ([Errno 27] File too large)")
+    assert lines[2:] == ["room again", *(f"{file} can be written again." for file in files)]
+    # Each value once, and in order.
+    steps = [event.step for event in read_events(tmp_path).Scalars("ppo/entropy")]
+    assert steps == list(range(1, 102))
+    assert [int(row["frames"]) for row in read_rows(tmp_path / "metrics.csv")] == steps
     assert len(read_rows(tmp_path / "evaluations.csv")) == 100
 
 
-def test_a_run_directory_that_is_gone_ends_the_log_but_not_the_training(tmp_path, warned):
+def test_the_oldest_of_what_waits_is_lost_before_the_memory_is(tmp_path):
+    file = AppendedFile(tmp_path / "missing" / "table", header=b"header ")
+    for number in range(5):
+        with pytest.raises(FileNotFoundError):
+            file.append(bytes([number]) * (MOST_WAITING_BYTES // 4))
+    (tmp_path / "missing").mkdir()
+    file.append(b"last")
+    content = file.path.read_bytes()
+    assert content.startswith(b"header \x02")
+    assert content.endswith(b"\x04last")
+
+
+def test_a_run_directory_that_is_gone_for_a_while_leaves_the_rest_of_the_log(tmp_path, warned):
     run_dir = tmp_path / "run"
     run_dir.mkdir()
     monitor = Monitor(run_dir, TrainConfig("academy_corner"), PARTS, warned.append)
+    log(monitor, make_batch([[1]], [[True]]), 1)
     shutil.rmtree(run_dir)
-    for frames in (1, 2):
+    for frames in (2, 3):
         assert log(monitor, make_batch([[1]], [[True]]), frames)["match/count"] == frames
         log_evaluation(monitor, frames)
-    assert [line.split(" can't")[0] for line in warned] == [
-        "TensorBoard's events",
-        "metrics.csv",
-        "evaluations.csv",
-    ]
+    files = ["TensorBoard's events", "metrics.csv", "evaluations.csv"]
+    assert [line.split(" can't")[0] for line in warned] == files
+    run_dir.mkdir()
+    log(monitor, make_batch([[1]], [[True]]), 4)
+    assert [int(row["frames"]) for row in read_rows(run_dir / "metrics.csv")] == [2, 3, 4]
+    events = read_events(run_dir)
+    assert [event.step for event in events.Scalars("ppo/entropy")] == [2, 3, 4]
+    assert [event.step for event in events.Scalars("evaluation/shots")] == [2, 3]
+
+
+def test_a_clock_that_is_set_back_makes_no_time_negative(tmp_path, monkeypatch):
+    times = itertools.count(2_000_000_000, -3600)
+    monkeypatch.setattr(time, "time", lambda: float(next(times)))
+    monitor = Monitor(tmp_path, TrainConfig("academy_corner"), PARTS, pytest.fail)
+    for frames in (1, 2, 3):
+        log(monitor, make_batch([[1]], [[True]]), frames)
+    walls = [event.wall_time for event in read_events(tmp_path).Scalars("ppo/entropy")]
+    assert walls == sorted(walls)
+    assert len(walls) == 3

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import random
 import re
@@ -17,14 +16,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from compared_runs import assert_same_run, logged_steps, table
 
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.cli.train_resume import parse_resume
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs import FootballVectorEnv
 from fbrl.ppo.trainer import TrainListener, train
-from fbrl.run_dir import locked_run_dir
+from fbrl.run_dir import RunDirLock
 
 PPO = PPOConfig(total_frames=768, num_envs=2, num_steps=64, num_minibatches=2, num_epochs=2)
 CONFIG = TrainConfig(
@@ -50,64 +49,6 @@ CONFIGS = {
         checkpoint_keep_interval=64,
     ),
 }
-
-
-def table(run_dir, name):
-    """The rows without their times, as text: equal to the last digit."""
-    path = run_dir / name
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        timed = ("time/", "evaluation/seconds")
-        return [
-            {name: value for name, value in row.items() if not name.startswith(timed)}
-            for row in csv.DictReader(file)
-        ]
-
-
-def assert_same(one, other):
-    """Compares two contents of checkpoints, tensors bit for bit."""
-    assert type(one) is type(other)
-    if isinstance(one, dict):
-        assert list(one) == list(other)
-        for name in one:
-            assert_same(one[name], other[name])
-    elif isinstance(one, (list, tuple)):
-        assert len(one) == len(other)
-        for left, right in zip(one, other, strict=True):
-            assert_same(left, right)
-    elif isinstance(one, torch.Tensor):
-        assert one.dtype == other.dtype
-        assert torch.equal(one, other)
-    else:
-        assert one == other
-
-
-def assert_same_run(run_dir, other):
-    """Compares the tables and the last checkpoints: weights, optimiser, random numbers and so on.
-
-    But for the engine's own bytes, of which some mean nothing. What follows from them is compared.
-    """
-    for name in ("metrics.csv", "evaluations.csv"):
-        assert table(run_dir, name) == table(other, name)
-    one, two = load_checkpoint(run_dir), load_checkpoint(other)
-    for content in (one, two):
-        del content["config"]["run_dir"]
-        times = [name for name in content["monitor"]["latest"] if name.startswith("time/")]
-        assert len(times) == 3
-        for name in times:
-            del content["monitor"]["latest"][name]
-        for state in content["matches"]:
-            del state["match"]["engine"]
-    assert_same(one, two)
-
-
-def logged_steps(run_dir):
-    events = EventAccumulator(str(run_dir), size_guidance={"scalars": 0})
-    events.Reload()
-    return {
-        name: [event.step for event in events.Scalars(name)] for name in events.Tags()["scalars"]
-    }
 
 
 @pytest.fixture(scope="module", params=CONFIGS)
@@ -230,9 +171,10 @@ def test_a_damaged_checkpoint_is_replaced_by_the_one_before_and_that_is_said(cop
 
 
 def test_two_trainings_never_share_a_directory(copied):
-    in_use = pytest.raises(ConfigError, match="is in use: another process is training there")
-    with locked_run_dir(copied.run_dir), in_use:
+    lock = RunDirLock(copied.run_dir)
+    with pytest.raises(ConfigError, match="is in use: another process is training there"):
         train(copied, resume=True)
+    lock.close()
     train(copied, resume=True)
 
 
@@ -331,13 +273,17 @@ def test_the_command_that_an_interrupted_run_prints_goes_on(tmp_path):
     run_dir = tmp_path / "run"
     process = start(*COMMAND, cwd=tmp_path)
     wait_for_rows(process, run_dir, 3)
-    with pytest.raises(ConfigError, match="is in use"), locked_run_dir(run_dir):
-        pass
+    process.send_signal(signal.SIGSTOP)  # so that it's not at its end before the second begins
+    second = start("--resume", "run", cwd=tmp_path)
+    output, errors = second.communicate(timeout=60)
+    assert (second.returncode, output, errors.count("\n")) == (2, "", 1)
+    assert "The run directory run is in use: another process is training there" in errors
     process.send_signal(signal.SIGTERM)
-    output, errors = process.communicate(timeout=60)
-    assert (process.returncode, errors) == (130, "")
+    process.send_signal(signal.SIGCONT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
     assert len(table(run_dir, "metrics.csv")) < 20
-    (command,) = re.findall(r"^Go on with: (.*)$", output, re.MULTILINE)
+    (command,) = re.findall(r"Go on with: (.*)$", errors, re.MULTILINE)
     done = subprocess.run(
         shlex.split(command), cwd=tmp_path, capture_output=True, text=True, timeout=120
     )

@@ -190,7 +190,7 @@ def test_the_thesis_preset_trains_the_impala_network_on_minimaps(run_program, tm
     assert sum(value.numel() for value in weights.values()) == 396_868
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])
 def test_a_signal_saves_and_ends_the_training(number, tmp_path):
     program = Path(sys.executable).with_name("fbrl-train")
     arguments = [SCENARIO, "--num-envs", "2", "--num-steps", "256", "--run-dir", "run"]
@@ -211,7 +211,8 @@ def test_a_signal_saves_and_ends_the_training(number, tmp_path):
     process.send_signal(number)
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert errors == ""
+    assert errors.startswith("fbrl-train: saved and ended with exit code 130. Go on with: ")
+    assert errors.endswith("fbrl-train --resume run\n")
     assert "Interrupted after" in output
     assert load_checkpoint(tmp_path / "run")["frames"] == int(rows(tmp_path / "run")[-1]["frames"])
 

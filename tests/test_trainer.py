@@ -15,12 +15,12 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from fbrl.agent import make_model
-from fbrl.checkpoint import load_checkpoint
+from fbrl.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from fbrl.cli.train import parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.football import FootballVectorEnv
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
-from fbrl.ppo import trainer
+from fbrl.ppo import run_checkpoints, trainer
 from fbrl.ppo.trainer import TrainListener, choose_device, evaluation_is_due, train
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.run_log import read_run_log
@@ -218,7 +218,9 @@ def test_pictures_can_be_turned_off(config):
 
 def test_checkpoints_are_saved_at_each_interval_with_all_that_training_needs(config, monkeypatch):
     saved = []
-    monkeypatch.setattr(trainer, "save_checkpoint", lambda path, **content: saved.append(content))
+    monkeypatch.setattr(
+        run_checkpoints, "save_checkpoint", lambda path, **content: saved.append(content)
+    )
     train(dataclasses.replace(config, checkpoint_interval=100, eval_episodes=0))
     assert [content["frames"] for content in saved] == [0, 128, 256, 256]
     assert not saved.pop(0)["optimizer"]["state"]
@@ -254,7 +256,7 @@ def test_a_signal_in_an_update_is_answered_and_the_update_finished(number, confi
     result = train(config, listener)
     assert answered == [True]
     assert (result.interrupted, result.frames, result.trained) == (True, 128, None)
-    assert (config.run_dir / trainer.CHECKPOINT_NAME).exists()
+    assert (config.run_dir / CHECKPOINT_NAME).exists()
 
 
 def test_a_signal_during_the_evaluation_ends_it_after_the_checkpoint(config):
@@ -263,7 +265,7 @@ def test_a_signal_during_the_evaluation_ends_it_after_the_checkpoint(config):
 
     result = train(config, TrainListener(on_evaluation=on_evaluation))
     assert (result.interrupted, result.frames, result.trained) == (True, 256, None)
-    assert (config.run_dir / trainer.CHECKPOINT_NAME).exists()
+    assert (config.run_dir / CHECKPOINT_NAME).exists()
 
 
 @pytest.mark.parametrize("name", ["tpu", "cuda:99", "meta"])

@@ -8,6 +8,7 @@ import os
 import shlex
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 # Threads that wait for work by spinning would take the cores from the matches; OpenMP reads this
@@ -19,6 +20,7 @@ from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.errors import fail, parsing
+from fbrl.cli.lasting_output import lasting_output
 from fbrl.cli.train_display import TrainDisplay, resume_command, tensorboard_command
 from fbrl.cli.train_resume import asks_to_resume, parse_resume
 from fbrl.config import PRESETS, ConfigError, TrainConfig, preset_config
@@ -50,17 +52,18 @@ Where tcmalloc is installed, it takes the place of the C library's allocator, wh
 faster; FBRL_TCMALLOC=0 in the environment prevents that.
 """
 
-DIVERGED = 1
-"""Exit code of a training whose losses are no longer numbers."""
+FAILED = 1
+"""Exit code of a training that diverged, can't be saved or hangs."""
 
 INTERRUPTED = 130
-"""Exit code of a training that a signal ended, as shells give it."""
+"""Exit code of a training that a signal ended and that is saved, whichever signal it was."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command.
 
-    Ends the process with 0; 2 on bad usage; 1 if the training diverged; 130 if it was interrupted.
+    Ends the process with 0; 2 on bad usage; 1 if the training diverged, could not be saved or
+    hung; 130 if it was interrupted.
     """
     try:
         arguments = sys.argv[1:] if arguments is None else arguments
@@ -77,32 +80,42 @@ def _main(config: TrainConfig, resume: bool) -> None:
     # Seconds of imports, which --help and a mistyped option needn't wait for.
     from fbrl.checkpoint import CheckpointError
     from fbrl.envs import EngineNotInstalledError
+    from fbrl.ppo.run_checkpoints import TrainingNotSavedError
     from fbrl.ppo.trainer import TrainListener, train
     from fbrl.ppo.update import TrainingDivergedError
+    from fbrl.run_dir import RunDirReplacedError
 
-    # A run's directory may have brackets in its name, which are no markup.
-    console = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)
-    try:
-        with TrainDisplay(console, config) as display:
-            listener = TrainListener(
-                display.started,
-                display.metrics,
-                display.evaluation,
-                display.postponed,
-                display.warning,
-            )
-            result = train(config, listener, resume=resume)
-    except (
-        CheckpointError,
-        ConfigError,
-        UnknownNameError,
-        EngineNotInstalledError,
-        OSError,
-    ) as error:
-        fail(PROGRAM, error)
-    except TrainingDivergedError as error:
-        fail(PROGRAM, error, exit_code=DIVERGED)
-    report(console, result)
+    with lasting_output() as output:
+        # A run's directory may have brackets in its name, which are no markup.
+        console = Console(file=output, highlight=False, soft_wrap=True, markup=False, emoji=False)
+        display = TrainDisplay(console, config)
+        listener = TrainListener(
+            display.started,
+            display.metrics,
+            display.evaluation,
+            display.postponed,
+            display.warning,
+            lambda line: report_hang(display, line),
+        )
+        try:
+            with display:
+                result = train(config, listener, resume=resume)
+        except (
+            CheckpointError,
+            ConfigError,
+            UnknownNameError,
+            EngineNotInstalledError,
+            OSError,
+        ) as error:
+            fail(PROGRAM, error)
+        except TrainingNotSavedError as error:
+            fail(PROGRAM, f"{error} {going_on(display.run_dir)}", exit_code=FAILED)
+        except (TrainingDivergedError, RunDirReplacedError) as error:
+            fail(PROGRAM, error, exit_code=FAILED)
+        report(console, result)
+    if result.interrupted:
+        line = f"{PROGRAM}: saved and ended with exit code {INTERRUPTED}."
+        print(line, going_on(result.run_dir), file=sys.stderr)
     sys.exit(INTERRUPTED if result.interrupted else 0)
 
 
@@ -146,5 +159,14 @@ def report(console: Console, result: TrainResult) -> None:
         f"{ended} after {result.frames:,} frames. Everything is in {where}; look at it with: "
         f"{tensorboard_command(result.run_dir)}"
     )
-    if result.interrupted:
-        console.print(f"Go on with: {resume_command(result.run_dir)}")
+
+
+def report_hang(display: TrainDisplay, line: str) -> None:
+    """Says, just before the process is ended, that it hangs and what goes on with the training."""
+    display.stop()
+    print(f"{PROGRAM}: error: {line} {going_on(display.run_dir)}", file=sys.stderr, flush=True)
+
+
+def going_on(run_dir: Path | None) -> str:
+    """The sentence that says how to go on with a training."""
+    return f"Go on with: {resume_command(run_dir)}" if run_dir else ""

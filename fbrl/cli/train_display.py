@@ -29,6 +29,9 @@ class TrainDisplay:
     Args:
         console: Where to.
         config: The training that is shown.
+
+    Attributes:
+        run_dir: Its directory, once it has begun.
     """
 
     def __init__(self, console: Console, config: TrainConfig) -> None:
@@ -45,16 +48,22 @@ class TrainDisplay:
         )
         self._tasks: dict[str, TaskID] = {}
         self._last_line = 0.0
+        self.run_dir: Path | None = None
 
     def __enter__(self) -> TrainDisplay:
         self._bar.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Takes the bar off the screen."""
         self._bar.stop()
 
     def started(self, run_dir: Path, device: torch.device, frames: int) -> None:
         """Says what begins or goes on, and where."""
+        self.run_dir = run_dir
         config = self._config
         start = f"Going on after {frames:,} frames with the training" if frames else "Training"
         self._console.print(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
@@ -173,7 +174,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._rows = self._layout.rows(num_envs)
         self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
-        self._threads = MatchThreads(self.num_threads)
+        describe = functools.partial(_describe_match, scenario, self._episodes)
+        self._threads = MatchThreads(self.num_threads, describe)
 
     def reset(
         self,
@@ -300,3 +302,9 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         if actions.min() < 0 or actions.max() > largest:
             raise ValueError(f"Actions {actions.tolist()} are not all in [0, {largest}].")
         return actions
+
+
+def _describe_match(scenario: str, episodes: Sequence[EpisodeSeeds], index: int) -> str:
+    episode = episodes[index]
+    seed, number = episode.engine_seed, episode.number
+    return f"match {index} of {scenario} (engine seed {seed}, episode {number})"

@@ -16,6 +16,8 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 from torch.utils.tensorboard.summary import custom_scalars, hparams
 
+from fbrl.monitor.appended_file import AppendedFile
+
 RGB = 3
 """TensorBoard's number for a picture's colour space."""
 
@@ -27,8 +29,9 @@ class EventFile:
     """Appends summaries to an event file that TensorBoard reads.
 
     Instead of ``SummaryWriter``, whose thread prints a traceback of its own when a write fails:
-    here the caller gets the error. It also takes one event for all the scalars of an iteration,
-    and puts hyperparameters into the run itself, where ``SummaryWriter`` makes a run below it.
+    here the caller gets the error, and what could not be written is written later. It also takes
+    one event for all the scalars of an iteration, and puts hyperparameters into the run itself,
+    where ``SummaryWriter`` makes a run below it.
 
     Args:
         run_dir: The run's directory; it must exist.
@@ -36,14 +39,16 @@ class EventFile:
 
     def __init__(self, run_dir: Path) -> None:
         name = f"{_PREFIX}{_next_second(run_dir):010d}.{socket.gethostname()}.{os.getpid()}"
-        self._path = run_dir / name
-        self._append(Event(wall_time=time.time(), file_version="brain.Event:2"), "xb")
+        (run_dir / name).touch(exist_ok=False)
+        self._wall_time = 0.0
+        self._file = AppendedFile(run_dir / name, self._record(file_version="brain.Event:2"))
 
     def add_scalars(self, values: Mapping[str, float], frames: int) -> None:
         """Adds scalars by their names.
 
         Raises:
-            OSError: The file can't be written; so do all other methods.
+            OSError: The file can't be written now; so do all other methods. What they were given
+                is written with what is added next.
         """
         scalars = [Summary.Value(tag=name, simple_value=value) for name, value in values.items()]
         self._add(Summary(value=scalars), frames)
@@ -86,16 +91,17 @@ class EventFile:
         This is what ``SummaryWriter(purge_step=frames)`` writes.
         """
         restart = SessionLog(status=SessionLog.START)
-        self._append(Event(wall_time=time.time(), step=frames, session_log=restart), "ab")
+        self._file.append(self._record(step=frames, session_log=restart))
 
     def _add(self, summary: Summary, frames: int) -> None:
-        self._append(Event(wall_time=time.time(), step=frames, summary=summary), "ab")
+        self._file.append(self._record(step=frames, summary=summary))
 
-    def _append(self, event: Event, mode: str) -> None:
-        # Opened anew each time, as TensorBoard's own writer does: nothing is left to be flushed
-        # at the end, and a directory that has gone is noticed.
-        with self._path.open(mode) as file:
-            RecordWriter(file).write(event.SerializeToString())
+    def _record(self, **event: Any) -> bytes:
+        # A clock that is set back would make TensorBoard's relative times negative.
+        self._wall_time = max(self._wall_time, time.time())
+        record = io.BytesIO()
+        RecordWriter(record).write(Event(wall_time=self._wall_time, **event).SerializeToString())
+        return record.getvalue()
 
 
 def _next_second(run_dir: Path) -> int:

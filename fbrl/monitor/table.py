@@ -4,25 +4,40 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fbrl.atomic_write import atomic_write
+from fbrl.monitor.appended_file import AppendedFile
 
 FRAMES = "frames"
 
 
-def append_row(path: Path, columns: list[str], row: Mapping[str, float]) -> None:
-    """Adds a row, after the header where the file is new.
+class Table:
+    """A table that grows by a row at a time.
 
-    Raises:
-        OSError: The file can't be written.
+    Args:
+        path: Its file; the directory exists.
+        columns: Their names.
     """
-    with path.open("a", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, columns)
-        if not file.tell():
-            table.writeheader()
-        table.writerow(row)
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        self._columns = columns
+        self._file = AppendedFile(path, header=_line(columns))
+
+    def append(self, row: Mapping[str, float]) -> None:
+        """Adds a row, after the header where the file is new; what it lacks stays empty.
+
+        Raises:
+            OSError: The file can't be written now; the row is written with the next one.
+        """
+        self._file.append(_line([row.get(name, "") for name in self._columns]))
+
+
+def _line(values: Sequence[object]) -> bytes:
+    text = io.StringIO(newline="")
+    csv.writer(text).writerow(values)
+    return text.getvalue().encode()
 
 
 def drop_rows(path: Path, past: int) -> None:

@@ -16,7 +16,7 @@ from fbrl.monitor.event_file import EventFile
 from fbrl.monitor.layout import chart_layout
 from fbrl.monitor.names import ACTION_TAGS
 from fbrl.monitor.recent_matches import RecentMatches
-from fbrl.monitor.table import append_row, drop_rows
+from fbrl.monitor.table import Table, drop_rows
 
 if TYPE_CHECKING:
     from fbrl.evaluate import Evaluation
@@ -43,8 +43,8 @@ class Monitor:
     """Writes what a training does into TensorBoard's events and, for pandas, into CSV tables.
 
     ``metrics.csv`` has a row for each iteration, ``evaluations.csv`` one for each evaluation, with
-    the names of the scalars as columns. A file that can't be written any more is left alone after
-    one warning: a training outlives its log.
+    the names of the scalars as columns. What can't be written is kept, after one warning, and
+    written once that is possible again: a training outlives its log.
 
     Args:
         run_dir: The run's directory; it must exist.
@@ -68,7 +68,8 @@ class Monitor:
     ) -> None:
         self._run_dir = run_dir
         self._on_warning = on_warning
-        self._given_up: set[str] = set()
+        self._failing: set[str] = set()
+        self._tables: dict[str, Table] = {}
         self._recent = RecentMatches(reward_parts)
         self._latest: dict[str, float] = {}
         self._events = EventFile(run_dir)
@@ -159,18 +160,24 @@ class Monitor:
         self._write("TensorBoard's events", add, *arguments)
 
     def _write_row(self, name: str, columns: list[str], row: Mapping[str, float]) -> None:
-        self._write(name, append_row, self._run_dir / name, columns, row)
+        if name not in self._tables:
+            self._tables[name] = Table(self._run_dir / name, columns)
+        self._write(name, self._tables[name].append, row)
 
     def _write(self, what: str, write: Callable[..., None], *arguments: Any) -> None:
-        if what in self._given_up:
-            return
         try:
             write(*arguments)
         except OSError as error:
-            self._given_up.add(what)
-            self._on_warning(
-                f"{what} can't be written any more ({error}). The training goes on without."
-            )
+            if what not in self._failing:
+                self._failing.add(what)
+                self._on_warning(
+                    f"{what} can't be written ({error}). The training goes on; what is missing is "
+                    "written once that is possible."
+                )
+        else:
+            if what in self._failing:
+                self._failing.remove(what)
+                self._on_warning(f"{what} can be written again.")
 
 
 def hyperparameters(config: TrainConfig) -> dict[str, float | str]:

@@ -81,7 +81,11 @@ class PPO:
         The first batch does so by itself.
         """
         if self._collector.state is None:
-            self._collector.reset()
+            self.restart()
+
+    def restart(self) -> None:
+        """Resets the environment, whatever the next batch would have begun with."""
+        self._collector.reset()
 
     def collect(self) -> TensorDictBase:
         """Plays ``num_steps`` steps in each match.

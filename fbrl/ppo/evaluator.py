@@ -13,6 +13,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
 from fbrl.config import TrainConfig
+from fbrl.crash_report import seed_after_crashes
 from fbrl.envs.factory import make_env
 from fbrl.evaluate import Evaluation, Policy, evaluate, other_seed
 from fbrl.models.actor_critic import ActorCritic
@@ -50,21 +51,26 @@ class Evaluator:
     The matches are played in an environment of their own, which is made when it is first needed,
     so that those of the training stay where they are; PyTorch's random numbers are left as they
     were. Every evaluation begins the same matches, which are none of the training's: what differs
-    between two evaluations is the policy.
+    between two evaluations is the policy. After a crash they are others, lest they end in it again.
 
     Args:
         config: The training.
         reward: The training's reward transform; here a copy of it is used.
         on_warning: Called with one line if pictures can't be made.
+        crashes: After which the training has gone on.
     """
 
     def __init__(
-        self, config: TrainConfig, reward: ScoringReward, on_warning: Callable[[str], None]
+        self,
+        config: TrainConfig,
+        reward: ScoringReward,
+        on_warning: Callable[[str], None],
+        crashes: int = 0,
     ) -> None:
         self._config = config
         self._reward = reward
         self._on_warning = on_warning
-        self._seed = other_seed(config.seed)
+        self._seed = other_seed(seed_after_crashes(config.seed, crashes))
         self._env: EnvBase | None = None
         self._pictures: MatchPictures | None = None
         if config.eval_pictures and config.eval_episodes:

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
+import sys
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 
 from fbrl.agent import make_model, make_training_reward
-from fbrl.checkpoint import (
-    BEST_NAME,
-    CHECKPOINT_NAME,
-    PREVIOUS_NAME,
-    load_checkpoint,
-    save_checkpoint,
-)
+from fbrl.checkpoint import load_checkpoint
 from fbrl.config import ConfigError, TrainConfig, save_config
+from fbrl.crash_report import CrashReport, set_crash_report_aside
 from fbrl.envs.engine import load_gfootball
 from fbrl.envs.factory import make_env
 from fbrl.evaluate import Evaluation
@@ -28,8 +25,14 @@ from fbrl.interrupt import Interrupt, Interrupted
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
 from fbrl.ppo.evaluator import Evaluator
-from fbrl.ppo.training_state import TrainingState, check_resumable
-from fbrl.run_dir import existing_run_dir, locked_run_dir, make_run_dir
+from fbrl.ppo.run_checkpoints import RunCheckpoints
+from fbrl.ppo.training_state import TrainingState, check_resumable, crashes_before
+from fbrl.ppo.update import TrainingDivergedError
+from fbrl.ppo.watchdog import Watchdog
+from fbrl.run_dir import RunDirLock, RunDirReplacedError, existing_run_dir, make_run_dir
+
+HUNG = 1
+"""Exit code of a process in which the engine hangs."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,8 @@ class TrainListener:
         on_postponed: When a signal has to wait until an update is finished.
         on_warning: With one line about what goes wrong without ending the training; by default
             a Python warning.
+        on_hang: With one line when the engine hangs, in a thread of its own, just before the
+            process is ended; by default it is printed on stderr.
     """
 
     on_start: Callable[[Path, torch.device, int], None] = lambda run_dir, device, frames: None
@@ -52,6 +57,7 @@ class TrainListener:
     on_evaluation: Callable[[str, int, int], None] = lambda which, done, wanted: None
     on_postponed: Callable[[], None] = lambda: None
     on_warning: Callable[[str], None] = lambda line: warnings.warn(line, stacklevel=2)
+    on_hang: Callable[[str], None] = lambda line: print(line, file=sys.stderr, flush=True)
 
 
 @dataclass(frozen=True)
@@ -79,8 +85,9 @@ def train(
     """Trains an agent; see :class:`fbrl.config.TrainConfig` for what can be decided.
 
     The run's directory gets ``config.json``, TensorBoard events, ``metrics.csv``,
-    ``evaluations.csv`` and ``checkpoints/last.pt``. Ctrl-C and SIGTERM end the training with a
-    checkpoint.
+    ``evaluations.csv`` and ``checkpoints/last.pt``. Ctrl-C, SIGTERM, SIGHUP and SIGUSR1 end the
+    training with a checkpoint. If the engine hangs, it is saved and the process is ended with exit
+    code 1, because a thread in the engine can't be ended otherwise.
 
     Args:
         config: The training.
@@ -95,7 +102,9 @@ def train(
         UnknownNameError: There is no such scenario, reward or the like.
         EngineNotInstalledError: gfootball is missing.
         TrainingDivergedError: A loss is not finite; the last checkpoint is the one before.
-        OSError: A file of the run can't be made, or a checkpoint can't be written.
+        TrainingNotSavedError: The training ended, but the last checkpoint can't be written.
+        RunDirReplacedError: The run's directory was deleted and is another training's now.
+        OSError: A file of the run can't be made to begin with.
     """
     listener = listener or TrainListener()
     config.check()
@@ -107,13 +116,23 @@ def train(
     run_dir = existing_run_dir(config) if resume else make_run_dir(config)
     config = dataclasses.replace(config, run_dir=run_dir)
     with contextlib.ExitStack() as stack:
-        stack.enter_context(locked_run_dir(run_dir))
-        checkpoint = None
+        lock = stack.enter_context(contextlib.closing(RunDirLock(run_dir)))
+        checkpoint, crash, crashes = None, None, 0
         if resume:
             checkpoint = load_checkpoint(run_dir, on_warning=listener.on_warning)
             check_resumable(checkpoint, config)
+            crashes = crashes_before(checkpoint)
+            crash = set_crash_report_aside(run_dir, crashes + 1)
+            crashes += crash is not None
         save_config(config, run_dir / "config.json")
-        listener.on_start(run_dir, device, checkpoint["frames"] if checkpoint else 0)
+        crash_report = stack.enter_context(CrashReport(run_dir))
+        frames = checkpoint["frames"] if checkpoint else None
+        listener.on_start(run_dir, device, frames or 0)
+        if crash:
+            listener.on_warning(
+                f"The training had crashed, see {crash}. It goes on from its last checkpoint with "
+                "other matches and random numbers, so as not to end in the same crash."
+            )
         env = make_env(
             config.scenario,
             num_envs=config.ppo.num_envs,
@@ -123,45 +142,46 @@ def train(
             seed=config.seed,
         )
         stack.enter_context(contextlib.closing(env))
-        evaluator = Evaluator(config, reward, listener.on_warning)
+        evaluator = Evaluator(config, reward, listener.on_warning, crashes)
         stack.enter_context(contextlib.closing(evaluator))
         interrupt = stack.enter_context(Interrupt(listener.on_postponed))
         ppo = PPO(env, model, config.ppo)
         monitor = Monitor(run_dir, config, reward.part_names, listener.on_warning, checkpoint)
         state = TrainingState(config, ppo, env, monitor)
+        checkpoints = RunCheckpoints(config, state, lock, interrupt, listener.on_warning, frames)
+
+        def end_hung(matches: Sequence[str]) -> None:
+            _end_hung(matches, config, state, checkpoints, crash_report, listener)
+
+        stack.enter_context(Watchdog(config.hang_timeout, end_hung))
         if checkpoint:
-            state.load_state_dict(checkpoint)
+            state.load_state_dict(checkpoint, after_crash=crash is not None)
         state.begin_batch()
         # From the start there is something to go on from; a damaged one is replaced, not kept.
-        save_checkpoint(run_dir / CHECKPOINT_NAME, **state.state_dict())
-        return _train(config, run_dir, listener, state, evaluator, interrupt)
+        checkpoints.save_first()
+        return _train(config, listener, state, checkpoints, evaluator, interrupt)
 
 
 def _train(
     config: TrainConfig,
-    run_dir: Path,
     listener: TrainListener,
     state: TrainingState,
+    checkpoints: RunCheckpoints,
     evaluator: Evaluator,
     interrupt: Interrupt,
 ) -> TrainResult:
     ppo, monitor = state.ppo, state.monitor
     untrained = trained = None
 
-    def save(name: str = CHECKPOINT_NAME) -> None:
-        previous = run_dir / PREVIOUS_NAME if name == CHECKPOINT_NAME else None
-        with interrupt.saving():
-            save_checkpoint(run_dir / name, keep_as=previous, **state.state_dict())
-
     def evaluate(which: str, episodes: int) -> Evaluation:
         with interrupt.allowed():
             report = evaluator.play(
                 ppo.model, episodes, lambda done: listener.on_evaluation(which, done, episodes)
             )
+        checkpoints.keep_run_dir()
         monitor.log_evaluation(report.evaluation, ppo.frames, report.seconds, report.images)
-        if state.add_evaluation(report.evaluation):
-            save(BEST_NAME)
-        save()
+        checkpoints.save_if_best(report.evaluation)
+        checkpoints.save()
         return report.evaluation
 
     try:
@@ -169,7 +189,6 @@ def _train(
         if is_new and config.eval_untrained and config.eval_episodes:
             untrained = evaluate("untrained", config.eval_episodes)
 
-        saved_at = ppo.frames
         while ppo.frames < config.ppo.total_frames:
             if evaluation_is_due(config, ppo.frames, state.evaluated_at or 0):
                 evaluate("current", config.interim_eval_episodes)
@@ -179,23 +198,49 @@ def _train(
             collected = time.perf_counter()
             losses = ppo.learn(batch)
             learned = time.perf_counter()
+            checkpoints.keep_run_dir()
             metrics = monitor.log_iteration(
                 ppo.frames, batch, losses, collected - started, learned - collected
             )
             state.begin_batch()
             listener.on_metrics(ppo.frames, metrics)
             if keep_is_due(config, ppo.frames):
-                save(f"checkpoints/{ppo.frames}.pt")
-            if ppo.frames - saved_at >= config.checkpoint_interval:
-                save()
-                saved_at = ppo.frames
+                checkpoints.keep()
+            if checkpoints.is_due():
+                checkpoints.save()
 
-        save()
+        checkpoints.save()
         if config.eval_episodes and state.evaluated_at != ppo.frames:
             trained = evaluate("trained", config.eval_episodes)
     except Interrupted:
-        save()
+        checkpoints.save()
+    except TrainingDivergedError as error:
+        raise checkpoints.save_divergence(error) from error
+    checkpoints.check_saved()
+    run_dir = checkpoints.run_dir
     return TrainResult(run_dir, ppo.frames, interrupt.requested, untrained, trained)
+
+
+def _end_hung(
+    matches: Sequence[str],
+    config: TrainConfig,
+    state: TrainingState,
+    checkpoints: RunCheckpoints,
+    crash_report: CrashReport,
+    listener: TrainListener,
+) -> None:
+    """Saves the training as it was at the beginning of the batch, and ends the process."""
+    reason = f"The engine hangs: {', '.join(matches)} took more than {config.hang_timeout} s."
+    try:
+        # Also the mark by which the training goes on with other matches.
+        crash_report.write(reason)
+        if state.has_begun:
+            checkpoints.save()
+    except (OSError, RunDirReplacedError) as error:
+        listener.on_warning(str(error))
+    finally:
+        listener.on_hang(f"{reason} See {crash_report.path}; {checkpoints.what_is_saved()}.")
+        os._exit(HUNG)
 
 
 def keep_is_due(config: TrainConfig, frames: int) -> bool:

@@ -16,6 +16,7 @@ from fbrl.config import (
     config_from_dict,
     config_to_dict,
 )
+from fbrl.crash_report import seed_after_crashes
 from fbrl.envs.football import FootballVectorEnv
 from fbrl.evaluate import Evaluation
 from fbrl.monitor import Monitor
@@ -37,15 +38,18 @@ class TrainingState:
 
     Attributes:
         ppo, monitor: As they were given.
+        crashes: How often the training has gone on after a crash.
         evaluated_at: Frames learned from at the last evaluation that was finished; None before.
         best_goal_difference: The highest mean of an evaluation so far; None before the first.
     """
 
     def __init__(self, config: TrainConfig, ppo: PPO, env: EnvBase, monitor: Monitor) -> None:
+        self.crashes = 0
         self.evaluated_at: int | None = None
         self.best_goal_difference: float | None = None
         self._config = config
         self.ppo = ppo
+        self._env = env
         self._matches: FootballVectorEnv = env.base_env._env
         self.monitor = monitor
         self._batch_start: dict[str, Any] = {}
@@ -61,6 +65,11 @@ class TrainingState:
                 "cuda": torch.cuda.get_rng_state(self.ppo.device) if on_gpu else None,
             },
         }
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether there is a batch to begin with, so that :meth:`state_dict` is whole."""
+        return bool(self._batch_start)
 
     def add_evaluation(self, evaluation: Evaluation) -> bool:
         """Remembers that it was done, and says whether it is the best so far."""
@@ -78,33 +87,59 @@ class TrainingState:
             **self.ppo.state_dict(),
             **self._batch_start,
             "monitor": self.monitor.state_dict(),
+            "crashes": self.crashes,
             "evaluated_at": self.evaluated_at,
             "best_goal_difference": self.best_goal_difference,
         }
 
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any], *, after_crash: bool = False) -> None:
         """Goes on from a state; the monitor was given it before.
+
+        Args:
+            state: What :meth:`state_dict` returned.
+            after_crash: Begin other matches, with other random numbers: the same ones would end
+                in the same crash.
 
         Raises:
             CheckpointError: It is not that of such a training.
         """
         try:
             self._load(state)
+            if after_crash:
+                self._begin_other_matches()
+            else:
+                self._load_batch_start(state)
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
             raise CheckpointError(
                 f"The checkpoint is not that of this training ({error!r:.200})."
             ) from error
 
     def _load(self, state: Mapping[str, Any]) -> None:
+        self.crashes = crashes_before(state)
         self.evaluated_at = state["evaluated_at"]
         self.best_goal_difference = state["best_goal_difference"]
         self.ppo.load_state_dict(state)
+
+    def _begin_other_matches(self) -> None:
+        self.crashes += 1
+        seed = seed_after_crashes(self._config.seed, self.crashes)
+        torch.manual_seed(seed)
+        self._env.set_seed(seed)
+        self.ppo.restart()
+
+    def _load_batch_start(self, state: Mapping[str, Any]) -> None:
         self._matches.set_state([_with_engine(match, _to_bytes) for match in state["matches"]])
         torch.set_rng_state(state["random_numbers"]["cpu"])
         on_gpu = state["random_numbers"]["cuda"]
         # On another kind of device the numbers that follow are others in any case.
         if on_gpu is not None and self.ppo.device.type == "cuda":
             torch.cuda.set_rng_state(on_gpu, self.ppo.device)
+
+
+def crashes_before(state: Mapping[str, Any]) -> int:
+    """How often the training of a checkpoint had gone on after a crash."""
+    # Before crashes were counted there was no such entry.
+    return state.get("crashes", 0)
 
 
 def check_resumable(state: Mapping[str, Any], config: TrainConfig) -> None:

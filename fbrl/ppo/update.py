@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -14,7 +14,20 @@ _REMEDY = "the training has diverged. Try a lower learning_rate or clip_epsilon.
 
 
 class TrainingDivergedError(ArithmeticError):
-    """Raised before a step that would put infinities or NaNs into the network."""
+    """Raised before a step that would put infinities or NaNs into the network.
+
+    Args:
+        message: What is not finite, and what to try.
+        minibatch: What the step was to be taken on.
+        losses: Its losses and the norm of their gradient, as far as they were computed.
+    """
+
+    def __init__(
+        self, message: str, minibatch: TensorDictBase, losses: Mapping[str, float] | None = None
+    ) -> None:
+        super().__init__(message)
+        self.minibatch = minibatch
+        self.losses = dict(losses or {})
 
 
 def minibatches(batch: TensorDictBase, frames_per_minibatch: int) -> Iterator[TensorDictBase]:
@@ -61,7 +74,8 @@ def update(
         # For logits that are not finite the loss estimates the entropy by sampling, which fails.
         if "probability tensor" not in str(error):
             raise
-        raise TrainingDivergedError(f"The policy is no longer finite: {_REMEDY}") from error
+        message = f"The policy is no longer finite: {_REMEDY}"
+        raise TrainingDivergedError(message, minibatch) from error
     loss = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
     optimizer.zero_grad(set_to_none=True)
     loss.backward()
@@ -71,7 +85,14 @@ def update(
     if not torch.isfinite(loss + gradient_norm):
         raise TrainingDivergedError(
             f"The loss is {loss.item():g}, the norm of its gradient {gradient_norm.item():g}: "
-            f"{_REMEDY}"
+            f"{_REMEDY}",
+            minibatch,
+            {
+                "policy_loss": losses["loss_objective"].item(),
+                "value_loss": losses["loss_critic"].item(),
+                "entropy_loss": losses["loss_entropy"].item(),
+                "gradient_norm": gradient_norm.item(),
+            },
         )
     optimizer.step()
     return TensorDict(

@@ -1,0 +1,286 @@
+"""Faults that are made for real: what a training does, and what is left of it."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import re
+import resource
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from compared_runs import assert_same_run, logged_steps, table
+from tensordict import TensorDict
+
+from fbrl.agent import make_model
+from fbrl.checkpoint import load_checkpoint
+from fbrl.config import PPOConfig, TrainConfig, config_from_dict
+from fbrl.ppo.algorithm import PPO
+from fbrl.ppo.run_checkpoints import TrainingNotSavedError
+from fbrl.ppo.trainer import TrainListener, train
+from fbrl.ppo.update import TrainingDivergedError, update
+from fbrl.run_dir import RunDirLock, RunDirReplacedError
+
+SMALL = PPOConfig(total_frames=256, num_envs=2, num_steps=16, num_minibatches=2, num_epochs=1)
+FRAMES = list(range(32, 257, 32))
+
+
+CONFIG = TrainConfig(
+    "academy_empty_goal", hidden_sizes=(16,), checkpoint_interval=32, eval_episodes=0, ppo=SMALL
+)
+
+
+@pytest.fixture
+def config(tmp_path):
+    return dataclasses.replace(CONFIG, run_dir=tmp_path / "run")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The same training without a fault."""
+    run_dir = tmp_path_factory.mktemp("undisturbed") / "run"
+    train(dataclasses.replace(CONFIG, run_dir=run_dir))
+    return run_dir
+
+
+@contextlib.contextmanager
+def small_files_only():
+    """Restores the limit of this process to the size of its files, whatever a test sets."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def limit_files(size):
+    hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+
+
+def at_frames(actions, warned):
+    """A listener that does something after an update, and keeps the warnings."""
+    return TrainListener(
+        on_metrics=lambda frames, metrics: actions.get(frames, lambda: None)(),
+        on_warning=warned.append,
+    )
+
+
+def test_a_disk_that_is_full_for_a_while_costs_nothing(config, undisturbed):
+    saved_while_full, warned = [], []
+
+    def look():
+        saved_while_full.append(load_checkpoint(config.run_dir)["frames"])
+
+    with small_files_only():
+        actions = {64: lambda: limit_files(1024), 160: look, 192: lambda: limit_files(-1)}
+        result = train(config, at_frames(actions, warned))
+    assert result.frames == 256
+    # Saved after 32 frames, not after 64 to 160.
+    assert saved_while_full == [32]
+    assert_same_run(config.run_dir, undisturbed)
+    assert logged_steps(config.run_dir) == logged_steps(undisturbed)
+    failed = [line for line in warned if "can't be written ([Errno 27] File too large)" in line]
+    assert [line.split(" can't")[0] for line in failed] == [
+        "The checkpoint of 64 frames",
+        "TensorBoard's events",
+        "metrics.csv",
+    ]
+    assert "the last checkpoint, of 32 frames, is whole" in failed[0]
+    assert sorted(set(warned) - set(failed)) == [
+        "Checkpoints can be written again: the last checkpoint, of 192 frames, is whole.",
+        "TensorBoard's events can be written again.",
+        "metrics.csv can be written again.",
+    ]
+
+
+def test_a_disk_that_stays_full_leaves_the_last_good_checkpoint_to_go_on_from(config, undisturbed):
+    not_saved = pytest.raises(
+        TrainingNotSavedError,
+        match=r"ended after 256 frames.*too large.*the last checkpoint, of 96 frames, is whole",
+    )
+    with small_files_only(), not_saved:
+        train(config, at_frames({128: lambda: limit_files(1024)}, []))
+    assert load_checkpoint(config.run_dir, on_warning=pytest.fail)["frames"] == 96
+    train(config, resume=True)
+    assert_same_run(config.run_dir, undisturbed)
+
+
+TINY_DISK = """
+set -e
+mkdir disk
+mount -t tmpfs -o size=4m none disk
+"$1" academy_empty_goal --num-envs 2 --num-steps 16 --total-frames 64000 --hidden-sizes 16 \\
+    --num-minibatches 2 --checkpoint-interval 32 --eval-episodes 0 --num-threads 1 \\
+    --device cpu --run-dir disk/run > out 2> err &
+training=$!
+until [ "$(wc -l < disk/run/metrics.csv 2> /dev/null || echo 0)" -ge 3 ]; do sleep 0.1; done
+mount --bind disk/run disk/run
+mount -o remount,bind,ro disk/run
+until grep -q "The checkpoint of .* can't be written" out; do sleep 0.1; done
+umount disk/run
+until grep -q "Checkpoints can be written again" out; do sleep 0.1; done
+cat /dev/zero > disk/filler || true
+until [ "$(grep -c "The checkpoint of .* can't be written" out)" -ge 2 ]; do sleep 0.1; done
+kill -TERM $training
+wait $training || echo $? > code
+cp -r disk/run kept
+"""
+
+
+def test_a_read_only_and_then_a_full_disk_end_in_one_line_and_exit_code_1(tmp_path):
+    own_mounts = ["unshare", "--map-root-user", "--mount"]
+    if subprocess.run([*own_mounts, "true"], check=False, capture_output=True).returncode:
+        pytest.skip("no file systems may be mounted here")
+    program = Path(sys.executable).with_name("fbrl-train")
+    done = subprocess.run(
+        [*own_mounts, "sh", "-c", TINY_DISK, "sh", program],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "code").read_text() == "1\n"
+    warnings = (tmp_path / "out").read_text()
+    assert "can't be written ([Errno 30] Read-only file system" in warnings
+    assert "can't be written ([Errno 28] No space left on device" in warnings
+    errors = (tmp_path / "err").read_text()
+    assert errors.count("\n") == 1
+    found = re.search(r"could not be saved .*last checkpoint, of ([\d,]+) frames, is who", errors)
+    assert re.search(r"Go on with: .*fbrl-train --resume disk/run$", errors)
+    saved = load_checkpoint(tmp_path / "kept", on_warning=pytest.fail)["frames"]
+    assert saved == int(found[1].replace(",", ""))
+
+
+def test_a_run_directory_that_is_deleted_is_made_anew(config, undisturbed):
+    warned = []
+    train(config, at_frames({96: lambda: shutil.rmtree(config.run_dir)}, warned))
+    (line,) = (line for line in warned if "was deleted" in line)
+    assert line.startswith(f"The run directory {config.run_dir} was deleted. It is made anew")
+    logged = [int(row["frames"]) for row in table(config.run_dir, "metrics.csv")]
+    assert logged == FRAMES[3:]
+    ended, other = load_checkpoint(config.run_dir), load_checkpoint(undisturbed)
+    for name, value in ended["model"].items():
+        assert torch.equal(value, other["model"][name]), name
+    # It is a run like any other.
+    longer = dataclasses.replace(config, ppo=dataclasses.replace(SMALL, total_frames=288))
+    assert train(longer, resume=True).frames == 288
+
+
+def test_a_run_directory_that_is_another_trainings_now_is_left_alone(config):
+    locks = []
+
+    def replace():
+        shutil.rmtree(config.run_dir)
+        config.run_dir.mkdir()
+        locks.append(RunDirLock(config.run_dir))
+
+    with pytest.raises(RunDirReplacedError, match="another training was begun there"):
+        train(config, at_frames({96: replace}, []))
+    assert [path.name for path in config.run_dir.iterdir()] == [".lock"]
+
+
+def test_what_a_diverging_training_leaves_behind_makes_the_same_loss_again(config):
+    # One step spoils the network, the second one is not taken.
+    config = dataclasses.replace(config, ppo=dataclasses.replace(SMALL, learning_rate=1e30))
+    with pytest.raises(TrainingDivergedError, match="Try a lower learning_rate") as raised:
+        train(config)
+    path = config.run_dir / "diverged.pt"
+    assert f"led to it are in {path}; the last checkpoint, of 0 frames, is whole" in str(
+        raised.value
+    )
+    assert load_checkpoint(config.run_dir, on_warning=pytest.fail)["frames"] == 0
+    content = load_checkpoint(path)
+    saved = config_from_dict(content["config"])
+    model = make_model(saved, torch.device("cpu"))
+    model.load_state_dict(content["model"])
+    ppo = PPO(None, model, saved.ppo)
+    minibatch = TensorDict(content["minibatch"], batch_size=[16])
+    with pytest.raises(TrainingDivergedError, match=re.escape(content["message"])) as again:
+        update(ppo.loss, ppo.optimizer, minibatch, saved.ppo.max_grad_norm)
+    assert repr(again.value.losses) == repr(content["losses"])  # equal, NaNs too
+
+
+# A match whose engine hangs or aborts in one episode, each time that this is played.
+TRAP = """
+import os, sys, time
+from pathlib import Path
+from fbrl.envs.engine import Match
+
+fault, trap = sys.argv.pop(1), Path("trap")
+steps, step = 0, Match.step
+
+def step_into_trap(self, action):
+    global steps
+    steps += 1
+    if not trap.exists() and steps > 200:
+        trap.write_text(str(self._episode[0]))
+    if trap.exists() and trap.read_text() == str(self._episode[0]):
+        time.sleep(3600) if fault == "hang" else os.abort()
+    return step(self, action)
+
+Match.step = step_into_trap
+from fbrl.cli.train import main
+main()
+"""
+
+
+def fall_into_trap(fault, *arguments, cwd, stdout=subprocess.PIPE):
+    return subprocess.run(
+        [sys.executable, "-c", TRAP, fault, *arguments],
+        cwd=cwd,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=120,
+    )
+
+
+COMMAND = [
+    *("academy_empty_goal", "--num-envs", "2", "--num-steps", "32", "--num-minibatches", "2"),
+    *("--hidden-sizes", "16", "--total-frames", "768", "--eval-episodes", "0"),
+    *("--device", "cpu", "--hang-timeout", "1", "--checkpoint-interval", "128"),
+    *("--run-dir", "run"),
+]
+
+
+def test_an_engine_that_hangs_ends_the_process_with_everything_saved(tmp_path):
+    run_dir = tmp_path / "run"
+    done = fall_into_trap("hang", *COMMAND, cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    seed = (tmp_path / "trap").read_text()
+    hanging = rf"match [01] of academy_empty_goal \(engine seed {seed}, episode \d+\)"
+    assert re.match(
+        rf"fbrl-train: error: The engine hangs: {hanging} took more than 1 s\.", done.stderr
+    )
+    rows = table(run_dir, "metrics.csv")
+    assert f"of {rows[-1]['frames']} frames, is whole. Go on with: " in done.stderr
+    assert "in step_into_trap" in (run_dir / "crash.txt").read_text()
+    # The trap is still there, but other matches are begun.
+    command = shlex.split(done.stderr.split("Go on with: ")[1])
+    again = fall_into_trap("hang", *command[1:], cwd=tmp_path)
+    assert (again.returncode, again.stderr) == (0, "")
+    assert "The training had crashed, see run/crash-1.txt." in again.stdout
+    assert [int(row["frames"]) for row in table(run_dir, "metrics.csv")] == list(range(64, 769, 64))
+    assert not (run_dir / "crash.txt").exists()
+
+
+def test_an_engine_that_aborts_leaves_a_run_that_goes_on_even_without_any_output(tmp_path):
+    run_dir = tmp_path / "run"
+    done = fall_into_trap("abort", *COMMAND, cwd=tmp_path)
+    assert done.returncode < 0
+    assert "Fatal Python error: Aborted" in (run_dir / "crash.txt").read_text()
+    saved = load_checkpoint(run_dir, on_warning=pytest.fail)["frames"]
+    assert saved >= int(table(run_dir, "metrics.csv")[-1]["frames"]) - 128
+    with open("/dev/full", "w") as full:
+        again = fall_into_trap("abort", "--resume", "run", cwd=tmp_path, stdout=full)
+    assert (again.returncode, again.stderr) == (0, "")
+    assert load_checkpoint(run_dir)["frames"] == 768
+    assert load_checkpoint(run_dir)["crashes"] == 1
