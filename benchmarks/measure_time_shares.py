@@ -81,6 +81,7 @@ def time_shares(
     from torchrl.envs import TransformedEnv
 
     from fbrl.envs import FootballVectorEnv
+    from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
     from fbrl.models.actor_critic import CollectionPolicy
     from fbrl.monitor import Monitor
     from fbrl.ppo import algorithm
@@ -93,9 +94,9 @@ def time_shares(
     parts = [
         (FootballVectorEnv, "step", "matches"),
         (FootballVectorEnv, "reset", "matches"),
-        (AssistDensityReward, "_step", "reward transform"),
-        (AssistDensityReward, "_reset", "reward transform"),
-        (TransformedEnv, "step_and_maybe_reset", "other transforms"),
+        (AssistDensityReward, "label", "reward transform"),
+        (EpisodeBookkeeping, "complete", "statistics and sums"),
+        (TransformedEnv, "step_and_maybe_reset", "observation"),
         (CollectionPolicy, "forward", "inference"),
         (algorithm.PPO, "collect", "transfer and batch"),
         (algorithm, "add_advantages", "advantages"),
@@ -124,7 +125,7 @@ def time_shares(
 def _shares(seconds: dict[str, float], names: dict[str, None]) -> dict[str, float]:
     total = sum(seconds.values())
     shares = {name: 100 * seconds.get(name, 0.0) / total for name in [*names, OTHER]}
-    collection = ("matches", "reward transform", "other transforms", "inference")
+    collection = ("matches", "reward transform", "statistics and sums", "observation", "inference")
     collected = sum(shares[name] for name in (*collection, "transfer and batch"))
     shares[REWARD_OF_COLLECTION] = 100 * shares["reward transform"] / collected
     return shares

@@ -77,12 +77,12 @@ def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> 
 
     from fbrl.agent import make_model
     from fbrl.config import PPOConfig, preset_config
-    from fbrl.envs import make_env
+    from fbrl.envs.factory import make_collection_env
     from fbrl.ppo.algorithm import PPO
 
     torch.manual_seed(seed)
     config = preset_config("light", scenario)
-    env = make_env(
+    env, bookkeeping = make_collection_env(
         scenario,
         num_envs=num_envs,
         reward=config.reward,
@@ -90,7 +90,7 @@ def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> 
         seed=seed,
     )
     model = make_model(config, torch.device("cpu"))
-    ppo = PPO(env, model, PPOConfig(num_envs=num_envs, num_steps=32))
+    ppo = PPO(env, model, PPOConfig(num_envs=num_envs, num_steps=128), bookkeeping)
     ppo.collect()
     frames = 0
     started = time.perf_counter()

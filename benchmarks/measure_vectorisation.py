@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 VECTORISATIONS = ("threads", "MultiSyncCollector", "ParallelEnv", "AsyncVectorEnv")
-"""FootballVectorEnv's threads; TorchRL's processes, that collect or only step; Gymnasium's."""
+"""What a training does; TorchRL's processes, that collect or only step; Gymnasium's."""
 
 _STEPS_PER_BATCH = 16
 
@@ -32,6 +32,7 @@ def collect(
     import torch
 
     from fbrl.config import PPOConfig
+    from fbrl.envs.factory import make_collection_env
     from fbrl.models.actor_critic import build_actor_critic
     from fbrl.ppo.algorithm import PPO
 
@@ -47,10 +48,14 @@ def collect(
             stack.callback(collector.shutdown)
             collect_batch = functools.partial(next, iter(collector))
         else:
-            env = _make_env(scenario, vectorisation, num_envs)
+            bookkeeping = None
+            if vectorisation == "threads":
+                env, bookkeeping = make_collection_env(scenario, num_envs=num_envs)
+            else:
+                env = _make_env(scenario, vectorisation, num_envs)
             stack.callback(env.close)
             config = PPOConfig(num_envs=num_envs, num_steps=_STEPS_PER_BATCH)
-            collect_batch = PPO(env, model, config).collect
+            collect_batch = PPO(env, model, config, bookkeeping).collect
         return {"frames_per_second": _frames_per_second(collect_batch, seconds)}
 
 
@@ -94,14 +99,12 @@ def _make_matches(scenario: str, vectorisation: str, num_envs: int, keys: list[s
     from gymnasium.vector import AsyncVectorEnv, AutoresetMode
     from torchrl.envs import GymWrapper, ParallelEnv
 
-    from fbrl.envs import FootballEnv, FootballVectorEnv
+    from fbrl.envs import FootballEnv
 
     wrap = functools.partial(GymWrapper, categorical_action_encoding=True, device="cpu")
     make_one = functools.partial(FootballEnv, scenario, keys)
     if vectorisation == "single":
         return wrap(make_one())
-    if vectorisation == "threads":
-        return wrap(FootballVectorEnv(scenario, num_envs, observation_keys=keys))
     if vectorisation == "AsyncVectorEnv":
         return wrap(AsyncVectorEnv([make_one] * num_envs, autoreset_mode=AutoresetMode.DISABLED))
     return ParallelEnv(num_envs, functools.partial(_wrapped, wrap, make_one))

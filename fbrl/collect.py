@@ -9,6 +9,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
+from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.models.impala import ImpalaCNN
 
@@ -27,23 +28,35 @@ class RolloutCollector:
         env: A vectorised environment with batch size (num_envs,).
         policy: Reads the observation; writes ``action``, ``action_log_prob``, ``state_value``.
         num_steps: Steps of each match in a batch.
+        bookkeeping: What completes each batch, where the environment leaves that to it.
 
     Attributes:
         state: What the next batch begins with, shape (num_envs,); None until the environment has
             been reset. A batch that is broken off leaves it as it was.
     """
 
-    def __init__(self, env: EnvBase, policy: CollectionPolicy, num_steps: int) -> None:
+    def __init__(
+        self,
+        env: EnvBase,
+        policy: CollectionPolicy,
+        num_steps: int,
+        bookkeeping: EpisodeBookkeeping | None = None,
+    ) -> None:
         self._env = env
         self._policy = policy
         self._num_steps = num_steps
+        self._bookkeeping = bookkeeping
         self._batch: TensorDictBase | None = None
         self.state: TensorDictBase | None = None
 
     @torch.no_grad()
-    def reset(self) -> None:
-        """Starts an episode in every match."""
-        self.state = self._env.reset()
+    def reset(self) -> TensorDictBase:
+        """Starts an episode in every match, and returns what they begin with."""
+        state = self._env.reset()
+        if self._bookkeeping:
+            self._bookkeeping.begin(state)
+        self.state = state
+        return state
 
     @torch.no_grad()
     def collect(self) -> TensorDictBase:
@@ -52,15 +65,20 @@ class RolloutCollector:
         Returns:
             A batch of shape (num_envs, num_steps), valid until the next call.
         """
-        state = self._env.reset() if self.state is None else self.state.copy()
-        steps = []
+        start = self.reset() if self.state is None else self.state
+        # Left in, the environment would hand them on from step to step.
+        state = start.exclude(*self._bookkeeping.keys) if self._bookkeeping else start.copy()
+        steps: list[TensorDictBase] = []
         with set_exploration_type(ExplorationType.RANDOM):
             for _ in range(self._num_steps):
                 step, state = self._env.step_and_maybe_reset(self._policy(state))
                 steps.append(step)
-        self.state = state
-        self._batch = torch.stack(steps, -1, out=self._batch)
-        return self._batch
+        stacked: TensorDictBase = torch.stack(steps, -1, out=self._batch)
+        batch = stacked.copy()
+        if self._bookkeeping:
+            batch = self._bookkeeping.complete(batch, start, state)
+        self._batch, self.state = stacked, state
+        return batch
 
 
 def inference_threads(policy: CollectionPolicy) -> int:

@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gfootball_oracle import shoot_near_goal
 from gymnasium.vector import AutoresetMode
 from torchrl.collectors import Collector
 from torchrl.envs import GymWrapper
@@ -222,3 +223,30 @@ def test_action_set_v2_lets_the_engines_own_player_decide():
     env.close()
     with pytest.raises(UnknownNameError, match="v2"):
         FootballVectorEnv("academy_empty_goal_close", 2, action_set="v3")
+
+
+def test_an_ended_match_waits_for_its_reset_and_a_seed_overrules_what_was_begun():
+    env = FootballVectorEnv("academy_empty_goal", num_envs=2)
+    env.reset(seed=[3, 3])
+    ended = np.zeros(2, bool)
+    for step in range(400):
+        _, _, terminated, truncated, _ = env.step(np.array([shoot_near_goal(step, 0.0), 0]))
+        ended = terminated | truncated
+        if ended.any():
+            break
+    assert ended.any()
+    with pytest.raises(RuntimeError, match=r"have ended: call reset.*before step"):
+        env.step(np.array([0, 0]))
+    with pytest.raises(RuntimeError, match=r"have ended: call reset.*before get_state"):
+        env.get_state()
+    seeds = [7 if end else None for end in ended]
+    observation, info = env.reset(seed=seeds, options={"reset_mask": ended})
+    assert info["engine_seed"][ended].tolist() == [7] * ended.sum()
+    alone = FootballEnv("academy_empty_goal")
+    expected, _ = alone.reset(seed=7)
+    for index in np.flatnonzero(ended):
+        for key, value in expected.items():
+            np.testing.assert_array_equal(observation[key][index], value)
+    env.step(np.array([0, 0]))
+    env.close()
+    alone.close()

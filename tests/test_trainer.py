@@ -71,12 +71,12 @@ def test_the_network_is_the_one_that_was_asked_for(config):
 def test_settings_reach_the_environment_and_the_reward(config, monkeypatch):
     made = {}
 
-    def make_env(scenario, **options):
+    def make_collection_env(scenario, **options):
         made.update(options, scenario=scenario)
         return original(scenario, **options)
 
-    original = trainer.make_env
-    monkeypatch.setattr(trainer, "make_env", make_env)
+    original = trainer.make_collection_env
+    monkeypatch.setattr(trainer, "make_collection_env", make_collection_env)
     config = dataclasses.replace(
         config, transition="consecutive", num_threads=1, observation="minimap", eval_episodes=0
     )
@@ -89,14 +89,13 @@ def test_settings_reach_the_environment_and_the_reward(config, monkeypatch):
 
 def test_the_evaluation_plays_other_matches_than_the_training(config, monkeypatch):
     played: dict[int, list[int]] = {}
-    original = FootballVectorEnv._next_episode
+    original = FootballVectorEnv._begin_episode
 
-    def next_episode(self, index, seed):
-        engine_seed = original(self, index, seed)
-        played.setdefault(id(self), []).append(engine_seed)
-        return engine_seed
+    def begin_episode(self, index, episodes, rows):
+        original(self, index, episodes, rows)
+        played.setdefault(id(self), []).append(episodes.engine_seed)
 
-    monkeypatch.setattr(FootballVectorEnv, "_next_episode", next_episode)
+    monkeypatch.setattr(FootballVectorEnv, "_begin_episode", begin_episode)
     train(dataclasses.replace(config, eval_untrained=True, eval_pictures=False))
     training, evaluation = played.values()
     assert min(len(training), len(evaluation)) >= 4

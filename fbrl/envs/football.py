@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import os
@@ -173,6 +174,10 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._layout = RowLayout(self.single_observation_space)
         self._rows = self._layout.rows(num_envs)
         self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
+        # A match that ends begins its next episode at once, on the thread that stepped it, while
+        # the other threads still step: what reset() asks for is then there.
+        self._next_episodes: dict[int, EpisodeSeeds] = {}
+        self._next_rows = self._layout.rows(num_envs)
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
         describe = functools.partial(_describe_match, scenario, self._episodes)
         self._threads = MatchThreads(self.num_threads, describe)
@@ -197,11 +202,9 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         mask = self._check_mask((options or {}).get("reset_mask"))
         seeds = self._spread_seed(seed)
         chosen = np.flatnonzero(mask).tolist()
-        # Seeds are drawn here, in order, so that they don't depend on the threads' timing.
-        engine_seeds = [self._next_episode(index, seeds[index]) for index in chosen]
-        self._threads.map(self._reset_match, chosen)
+        self._threads.map(self._reset_match, chosen, [seeds[index] for index in chosen])
         info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
-        info["engine_seed"][chosen] = engine_seeds
+        info["engine_seed"][chosen] = [self._episodes[index].engine_seed for index in chosen]
         return self._layout.split(self._rows), info
 
     @property
@@ -222,6 +225,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             RuntimeError: A match has not begun or has ended.
         """
         actions = self._check_actions(actions)
+        self._check_running("step()")
         results = self._threads.map(self._step_match, range(self.num_envs), actions.tolist())
         return (
             self._layout.split(self._rows),
@@ -235,7 +239,11 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """The state of each match, which has to be running, and of its next episodes' seeds.
 
         Numbers, strings and bytes; 30 to 80 KB for each match.
+
+        Raises:
+            RuntimeError: A match has not begun or has ended.
         """
+        self._check_running("get_state()")
         return [
             {"match": dataclasses.asdict(match.get_state()), "episodes": episodes.get_state()}
             for match, episodes in zip(self._matches, self._episodes, strict=True)
@@ -255,27 +263,44 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         for match in self._matches:
             match.close()
 
-    def _next_episode(self, index: int, seed: int | None) -> int:
-        """Goes on to the next episode of a match and returns its engine seed."""
-        self._episodes[index].advance(seed)
-        return self._episodes[index].engine_seed
+    def _reset_match(self, index: int, seed: int | None) -> None:
+        episodes = self._next_episodes.pop(index, None)
+        if episodes and seed is None:
+            self._episodes[index] = episodes
+            self._rows[index] = self._next_rows[index]
+        else:
+            self._episodes[index].advance(seed)
+            self._begin_episode(index, self._episodes[index], self._rows)
 
-    def _reset_match(self, index: int) -> None:
-        match, episode = self._matches[index], self._episodes[index]
-        match.reset(episode.engine_seed, episode.number)
+    def _begin_episode(self, index: int, episodes: EpisodeSeeds, rows: np.ndarray) -> None:
+        match = self._matches[index]
+        match.reset(episodes.engine_seed, episodes.number)
+        match.read(rows[index], self._layout)
+
+    def _step_match(self, index: int, action: int) -> StepResult:
+        match = self._matches[index]
+        result = match.step(action)
         match.read(self._rows[index], self._layout)
+        if result.terminated or result.truncated:
+            episodes = copy.deepcopy(self._episodes[index])
+            episodes.advance()
+            self._begin_episode(index, episodes, self._next_rows)
+            self._next_episodes[index] = episodes
+        return result
 
     def _set_match_state(self, index: int, state: Mapping[str, Any]) -> None:
         match = self._matches[index]
         match.set_state(MatchState(**state["match"]))
         match.read(self._rows[index], self._layout)
         self._episodes[index].set_state(state["episodes"])
+        self._next_episodes.pop(index, None)
 
-    def _step_match(self, index: int, action: int) -> StepResult:
-        match = self._matches[index]
-        result = match.step(action)
-        match.read(self._rows[index], self._layout)
-        return result
+    def _check_running(self, call: str) -> None:
+        if self._next_episodes:
+            raise RuntimeError(
+                f"Matches {sorted(self._next_episodes)} of {self.scenario!r} have ended: call "
+                f"reset(options={{'reset_mask': mask}}) for them before {call}."
+            )
 
     def _spread_seed(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         return spread_seed(seed, self.num_envs)

@@ -12,6 +12,7 @@ from torchrl.objectives import ClipPPOLoss
 
 from fbrl.collect import RolloutCollector, inference_threads, torch_threads
 from fbrl.config import PPOConfig
+from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.ppo.advantages import add_advantages, explained_variance
 from fbrl.ppo.update import minibatches, update
@@ -25,6 +26,7 @@ class PPO:
         model: Actor-critic whose trunk reads the environment's observation. It is trained in
             place, on the device where it is.
         config: Hyperparameters.
+        bookkeeping: The other part of :func:`fbrl.envs.factory.make_collection_env`'s environment.
 
     Attributes:
         frames: Frames learned from so far.
@@ -32,7 +34,8 @@ class PPO:
 
     Examples:
         >>> from fbrl.envs import make_env
-        >>> from fbrl.models.actor_critic import build_actor_critic
+        >>> from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
+    from fbrl.models.actor_critic import build_actor_critic
         >>> config = PPOConfig(total_frames=64, num_envs=2, num_steps=16, num_minibatches=2)
         >>> env = make_env("academy_empty_goal", num_envs=2, seed=0)
         >>> ppo = PPO(env, build_actor_critic("simple115"), config)
@@ -42,14 +45,20 @@ class PPO:
         64
     """
 
-    def __init__(self, env: EnvBase, model: ActorCritic, config: PPOConfig) -> None:
+    def __init__(
+        self,
+        env: EnvBase,
+        model: ActorCritic,
+        config: PPOConfig,
+        bookkeeping: EpisodeBookkeeping | None = None,
+    ) -> None:
         self.model = model
         self.config = config
         self.device = next(model.parameters()).device
         self.frames = 0
         policy = model.get_collection_policy()
         self._inference_threads = inference_threads(policy)
-        self._collector = RolloutCollector(env, policy, config.num_steps)
+        self._collector = RolloutCollector(env, policy, config.num_steps, bookkeeping)
         # The value head alone: it reads what the actor's trunk has left, so the trunk runs once.
         self.loss = ClipPPOLoss(
             model.get_policy_operator(),

@@ -19,7 +19,7 @@ from fbrl.checkpoint import load_checkpoint
 from fbrl.config import ConfigError, TrainConfig, save_config
 from fbrl.crash_report import CrashReport, set_crash_report_aside
 from fbrl.envs.engine import load_gfootball
-from fbrl.envs.factory import make_env
+from fbrl.envs.factory import make_collection_env
 from fbrl.evaluate import Evaluation
 from fbrl.interrupt import Interrupt, Interrupted
 from fbrl.monitor import Monitor
@@ -133,7 +133,7 @@ def train(
                 f"The training had crashed, see {crash}. It goes on from its last checkpoint with "
                 "other matches and random numbers, so as not to end in the same crash."
             )
-        env = make_env(
+        env, bookkeeping = make_collection_env(
             config.scenario,
             num_envs=config.ppo.num_envs,
             reward=reward,
@@ -145,7 +145,7 @@ def train(
         evaluator = Evaluator(config, reward, listener.on_warning, crashes)
         stack.enter_context(contextlib.closing(evaluator))
         interrupt = stack.enter_context(Interrupt(listener.on_postponed))
-        ppo = PPO(env, model, config.ppo)
+        ppo = PPO(env, model, config.ppo, bookkeeping)
         monitor = Monitor(run_dir, config, reward.part_names, listener.on_warning, checkpoint)
         state = TrainingState(config, ppo, env, monitor)
         checkpoints = RunCheckpoints(config, state, lock, interrupt, listener.on_warning, frames)

@@ -12,8 +12,9 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from fbrl.density import AssistDensity, open_density
+from fbrl.transforms.along_time import Memory
 from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
-from fbrl.transforms.shaped_reward import Memory, ShapedReward
+from fbrl.transforms.shaped_reward import ShapedReward
 
 Transition = Literal["possession", "consecutive"]
 

@@ -9,6 +9,7 @@ from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
 from fbrl.density.pitch import METRES_PER_UNIT
+from fbrl.transforms.along_time import Memory, memory_before_steps, totals_after_steps, unbind
 from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
 from fbrl.transforms.raw_observation import read_fields
 
@@ -39,6 +40,10 @@ _SHOT_METRES_PER_STEP = 2.0
 _SHOT_FROM_X = 0.4
 # The posts stand at 0.044: a shot may miss them by 4.7 metres.
 _SHOT_HALF_WIDTH = 0.1
+
+
+Facts = dict[str, Tensor]
+"""What a step led to, as far as it doesn't depend on the steps before; each of shape (...)."""
 
 
 class PlayStatistics(Transform):
@@ -79,23 +84,29 @@ class PlayStatistics(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        observation = self._read(tensordict_reset)
-        active = observation["active"]
-        nobody = torch.full_like(active, NOBODY)
-        # A ball that nobody has had yet may be shot at once, as in academy_empty_goal_close.
-        is_ours = observation["ball_owned_team"] != 1
-        memory = _remember(nobody, is_ours, in_control(observation), observation)
-        totals = torch.zeros((*active.shape, len(PLAY_STATISTICS)), device=active.device)
+        self.begin(tensordict_reset)
         mask = tensordict.get("_reset", None)
         kept = tensordict.get("play_memory", None)
         if mask is not None and kept is not None:
-            mask = mask.reshape(active.shape).unsqueeze(-1)
-            memory = torch.where(mask, memory, kept)
-            totals = torch.where(mask, totals, tensordict.get("play_statistics"))
-        tensordict_reset.set("play_memory", memory)
-        return tensordict_reset.set("play_statistics", totals)
+            mask = mask.reshape(kept.shape[:-1]).unsqueeze(-1)
+            for key in self.memory_keys:
+                begun = tensordict_reset.get(key)
+                tensordict_reset.set(key, torch.where(mask, begun, tensordict.get(key)))
+        return tensordict_reset
 
     _reset_on_native_autoreset = _reset
+
+    @property
+    def memory_keys(self) -> tuple[str, ...]:
+        """What :meth:`label` needs from what came before."""
+        return ("play_memory", "play_statistics")
+
+    def begin(self, state: TensorDictBase) -> None:
+        """Sets the totals and the memory of episodes that begin with these observations."""
+        facts = self._facts(state)
+        state.set("play_memory", _first_memory(facts))
+        shape, device = facts["active"].shape, facts["active"].device
+        state.set("play_statistics", torch.zeros((*shape, len(PLAY_STATISTICS)), device=device))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         totals, memory = tensordict.get("play_statistics", None), tensordict.get("play_memory")
@@ -104,29 +115,59 @@ class PlayStatistics(Transform):
                 "PlayStatistics found no 'play_statistics' in the tensordict that was stepped. "
                 "Step what env.reset() or the previous step returned, with that entry kept."
             )
-        observation = self._read(next_tensordict)
-        active, team = observation["active"], observation["ball_owned_team"]
-        in_play = observation["game_mode"] == 0
-        scoring = next_tensordict.get("reward_scoring").squeeze(-1)
-        carrier, is_ours = memory.unbind(-1)
+        facts = self._facts(next_tensordict, next_tensordict.get("reward_scoring"))
+        next_tensordict.set("play_statistics", totals + _happened(memory, facts))
+        return next_tensordict.set("play_memory", _remember(memory, facts))
 
-        control = in_control(observation)
-        passed = control & (carrier > NOBODY) & (carrier != active) & in_play
-        free = (team == NOBODY) & in_play
-        shot = (is_ours == 1) & ((free & _flies_at_goal(observation)) | (scoring > 0))
-        happened = (scoring > 0, scoring < 0, team == 0, team == 1, passed, shot)
-        next_tensordict.set("play_statistics", totals + torch.stack(happened, -1))
+    def label(self, batch: TensorDictBase, start: TensorDictBase, end: TensorDictBase) -> None:
+        """Counts in a whole batch, as :meth:`ScoringReward.label` and after it.
 
-        remembered = _remember(carrier, (is_ours == 1) & ~shot, control, observation)
-        return next_tensordict.set("play_memory", remembered)
+        Under ``"next"`` it writes ``play_statistics`` only.
+        """
+        following = batch.get("next")
+        facts = self._facts(following, following.get("reward_scoring"))
+        done = following.get("done").squeeze(-1)
+        steps = unbind(facts, 1)
+        first = _first_memory(self._facts(batch))
+        first[:, 0] = start.get("play_memory")
+
+        def remember(step: int, memory: Memory) -> Memory:
+            return {"play_memory": _remember(memory["play_memory"], steps[step])}
+
+        memory = memory_before_steps({"play_memory": first}, done, remember, 1)["play_memory"]
+        totals = totals_after_steps(start.get("play_statistics"), _happened(memory, facts), done)
+        following.set("play_statistics", totals)
+
+        self.begin(end)
+        ended = done[:, -1:]
+        last = _remember(memory[:, -1], steps[-1])
+        end.set("play_memory", torch.where(ended, end.get("play_memory"), last))
+        end.set("play_statistics", totals[:, -1].masked_fill(ended, 0))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Totals are counted step by step in an environment; there is nothing to do here."""
         return tensordict
 
-    def _read(self, tensordict: TensorDictBase) -> Observation:
+    def _facts(self, tensordict: TensorDictBase, scoring: Tensor | None = None) -> Facts:
+        """What a step led to, as far as it doesn't depend on earlier ones; each of shape (...)."""
         fields = read_fields(tensordict, self.in_keys, _FIELDS, type(self).__name__)
-        return dict(zip(_FIELDS, fields, strict=True))
+        observation = dict(zip(_FIELDS, fields, strict=True))
+        active, team = observation["active"], observation["ball_owned_team"]
+        # An episode has no score to begin with.
+        scoring = torch.zeros_like(active) if scoring is None else scoring.squeeze(-1)
+        in_play = observation["game_mode"] == 0
+        free = (team == NOBODY) & in_play
+        return {
+            "active": active,
+            "control": in_control(observation),
+            "ours": team == 0,
+            "theirs": team == 1,
+            "in_play": in_play,
+            "lost": ball_lost(observation),
+            "at_goal": (free & _flies_at_goal(observation)) | (scoring > 0),
+            "scored": scoring > 0,
+            "conceded": scoring < 0,
+        }
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Adds the totals and the memory."""
@@ -149,13 +190,31 @@ class PlayStatistics(Transform):
         }
 
 
-def _remember(
-    carrier: Tensor, is_ours: Tensor, control: Tensor, observation: Observation
-) -> Tensor:
-    lost = ball_lost(observation)
-    carrier = last_carrier(carrier, observation["active"], control, lost)
-    is_ours = (is_ours | (observation["ball_owned_team"] == 0)) & ~lost
+def _first_memory(facts: Facts) -> Tensor:
+    # A ball that nobody has had yet may be shot at once, as in academy_empty_goal_close.
+    nobody = torch.full_like(facts["active"], NOBODY)
+    return _memory(nobody, ~facts["theirs"], facts)
+
+
+def _remember(memory: Tensor, facts: Facts) -> Tensor:
+    carrier, is_ours = memory.unbind(-1)
+    return _memory(carrier, (is_ours == 1) & ~facts["at_goal"], facts)
+
+
+def _memory(carrier: Tensor, is_ours: Tensor, facts: Facts) -> Tensor:
+    carrier = last_carrier(carrier, facts["active"], facts["control"], facts["lost"])
+    is_ours = (is_ours | facts["ours"]) & ~facts["lost"]
     return torch.stack((carrier, is_ours.long()), -1)
+
+
+def _happened(memory: Tensor, facts: Facts) -> Tensor:
+    """What a step adds to the totals, boolean of shape (..., 6)."""
+    carrier, is_ours = memory.unbind(-1)
+    from_another = (carrier > NOBODY) & (carrier != facts["active"])
+    passed = facts["control"] & from_another & facts["in_play"]
+    shot = (is_ours == 1) & facts["at_goal"]
+    play = (facts["scored"], facts["conceded"], facts["ours"], facts["theirs"], passed, shot)
+    return torch.stack(play, -1)
 
 
 def _flies_at_goal(observation: Observation) -> Tensor:

@@ -105,6 +105,28 @@ class ScoringReward(Transform):
         following.set(self._keys["reward_scoring"], scoring.clone())
         return tensordict
 
+    @property
+    def memory_keys(self) -> tuple[NestedKey, ...]:
+        """What :meth:`label` needs from what came before: nothing, without a memory."""
+        return ()
+
+    def begin(self, state: TensorDictBase) -> None:
+        """Sets the memory of episodes that begin with these observations, if there is one."""
+
+    def label(self, batch: TensorDictBase, start: TensorDictBase, end: TensorDictBase) -> None:
+        """Writes what stepping through a whole batch with this transform would have written.
+
+        All steps at once take a fraction of the time that they take one by one.
+
+        Args:
+            batch: ordered steps of several environments, shape (num_envs, num_steps), with the
+                observation at their root and under ``"next"``.
+            start: what the first steps went on from, shape (num_envs,): what the previous call
+                left in ``end``, or :meth:`begin` prepared.
+            end: what the last steps led to, after the resets; it is given the memory.
+        """
+        self.forward(batch)
+
     def _following(self, tensordict: TensorDictBase) -> TensorDictBase:
         following = tensordict.get("next", None)
         if following is None:

@@ -11,11 +11,9 @@ from tensordict.utils import expand_as_right
 from torch import Tensor
 from torchrl.data import Composite, Unbounded
 
+from fbrl.transforms.along_time import Memory, memory_before_steps, unbind, where
 from fbrl.transforms.ball_control import Observation
 from fbrl.transforms.scoring_reward import ScoringReward
-
-Memory = dict[str, Tensor]
-"""What is remembered of an episode, by its usual names; each has the match's leading shape."""
 
 
 class ShapedReward(ScoringReward):
@@ -91,7 +89,7 @@ class ShapedReward(ScoringReward):
         kept = self._stored_memory(tensordict)
         reset = tensordict.get("_reset", None)
         if kept is not None and reset is not None:
-            memory = _where(reset.reshape(observation["ball"].shape[:-1]), memory, kept)
+            memory = where(reset.reshape(observation["ball"].shape[:-1]), memory, kept)
         for name, value in memory.items():
             tensordict_reset.set(self._keys[name], value)
         return tensordict_reset
@@ -151,6 +149,36 @@ class ShapedReward(ScoringReward):
                 tensordict.set(self._keys[name], value)
         self._write(following, memory, observation, scoring)
         return tensordict
+
+    @property
+    def memory_keys(self) -> tuple[NestedKey, ...]:
+        """The keys of the memory."""
+        return tuple(self._keys[name] for name in self._memory)
+
+    def begin(self, state: TensorDictBase) -> None:
+        """Sets the memory of episodes that begin with these observations."""
+        for name, value in self._first_memory(self._observe(state, "the state")).items():
+            state.set(self._keys[name], value)
+
+    def label(self, batch: TensorDictBase, start: TensorDictBase, end: TensorDictBase) -> None:
+        """See :meth:`ScoringReward.label`."""
+        following = self._following(batch)
+        scoring = self._get(following, "reward", "'next'")
+        observation = self._observe_result(following, "'next'")
+        self._check_shapes(scoring, observation)
+        first = self._first_memory(self._observe(batch, "the root"))
+        for name, value in first.items():
+            value[:, 0] = self._get(start, name, "what the batch began with")
+        done = self._get(following, "done", "'next'").reshape(observation["ball"].shape[:-1])
+        memory = self._memory_before(first, observation, scoring, done, time=1)
+        self._write(following, memory, observation, scoring)
+        self.begin(end)
+        for name, value in memory.items():
+            key = self._keys[name]
+            batch.set(key, value)
+            remembered = following.get(key)[:, -1]
+            ended = expand_as_right(done[:, -1], remembered)
+            end.set(key, torch.where(ended, end.get(key), remembered))
 
     def _stored_memory(self, tensordict: TensorDictBase) -> Memory | None:
         """Return the memory at the root, ``None`` where an entry of it is missing."""
@@ -224,14 +252,30 @@ class ShapedReward(ScoringReward):
         done = self._get(following, "done", "'next'").reshape(shape)
         self._check_ordered(before, observation, done, time)
 
-        memory, recalled = _select(first, time, 0), []
-        for t in range(shape[time]):
-            if t:
-                memory = _where(done.select(time, t - 1), _select(first, time, t), memory)
-            recalled.append(memory)
-            step = _select(observation, time, t)
-            memory, _ = self._advance(memory, step, scoring.squeeze(-1).select(time, t))
-        return {name: torch.stack([each[name] for each in recalled], time) for name in first}
+        return self._memory_before(first, observation, scoring, done, time)
+
+    def _memory_before(
+        self, first: Memory, observation: Observation, scoring: Tensor, done: Tensor, time: int
+    ) -> Memory:
+        """Work out the memory before each of several ordered steps.
+
+        Args:
+            first: memory before each step if an episode began with it; that of the very first step
+                is taken as it is.
+            observation: what each step led to.
+            scoring: its scoring reward, (..., 1).
+            done: whether an episode ended with it, (...).
+            time: dimension along which the steps follow each other.
+        """
+        steps = unbind(observation, time)
+        scorings = scoring.squeeze(-1).unbind(time)
+
+        def remember(step: int, memory: Memory) -> Memory:
+            if self._stored_memory_is_valid:
+                return self._remember(memory, steps[step], scorings[step])
+            return self._advance(memory, steps[step], scorings[step])[0]
+
+        return memory_before_steps(first, done, remember, time)
 
     def _check_ordered(
         self, before: Observation, after: Observation, done: Tensor, time: int
@@ -291,17 +335,6 @@ class ShapedReward(ScoringReward):
             name: Unbounded(value.shape, dtype=value.dtype, device=value.device)
             for name, value in first.items()
         }
-
-
-def _where(mask: Tensor, chosen: Memory, other: Memory) -> Memory:
-    return {
-        name: torch.where(expand_as_right(mask, value), value, other[name])
-        for name, value in chosen.items()
-    }
-
-
-def _select(entries: dict[str, Tensor], dimension: int, index: int) -> dict[str, Tensor]:
-    return {name: value.select(dimension, index) for name, value in entries.items()}
 
 
 def _as_index(value: Tensor, shape: torch.Size, key: NestedKey, where: str) -> Tensor:
