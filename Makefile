@@ -10,7 +10,7 @@ ARGS ?=
 BIN := .venv/bin
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup train test lint bench clean
+.PHONY: help setup train test lint docs dist bench clean
 
 help: ## List the targets
 	@echo "Targets:"
@@ -34,10 +34,20 @@ lint: setup ## Style, format and type checks
 test: lint ## All checks: lint and the test suite
 	$(BIN)/pytest
 
+docs: setup ## Build the site into build/docs; a warning is an error
+	$(BIN)/sphinx-build -W --keep-going -b html docs build/docs
+	@echo "Site: build/docs/index.html"
+
+dist: setup ## Build the wheel and the source distribution into dist/, and check them
+	rm -rf dist
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/pytest tests/test_wheel.py tests/test_fresh_install.py
+
 bench: setup ## Measure the speed against its peers and write docs/performance.md: ARGS="--quick"
 	@scripts/setup.sh --default-engine
 	$(BIN)/python -m benchmarks $(ARGS)
 
 clean: ## Remove .venv and build leftovers (not runs/, not the cache of compiled engines)
-	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .nox build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -9,7 +9,8 @@
 # NO_APT=1 leaves the system's packages alone. XDG_CACHE_HOME moves the cache of compiled engines.
 #
 # setup.sh --check only says by its exit status whether this clone is set up; setup.sh --engine-key
-# only prints the key under which the compiled engine is cached; setup.sh --default-engine only makes
+# only prints the key under which the compiled engine is cached; setup.sh --engine-wheel compiles it if
+# the cache has none, and ends with the wheel's path; setup.sh --default-engine only makes
 # build/default-engine, gfootball as pip compiles it by default, which a benchmark compares with.
 set -euo pipefail
 # A ROS or conda shell sets these, and would put its own modules before the environment's.
@@ -75,6 +76,14 @@ case ${1:-} in
     engine_key "$PYTHON_FOUND"
     exit 0
     ;;
+  --engine-wheel)
+    mkdir -p "$LOG_DIR"
+    install_system_packages "$LOG_DIR"
+    find_python
+    ensure_engine_wheel "$PYTHON_FOUND" "$LOG_DIR"
+    printf '%s\n' "$ENGINE_WHEEL"
+    exit 0
+    ;;
   --default-engine)
     mkdir -p "$LOG_DIR"
     install_system_packages "$LOG_DIR"
@@ -84,7 +93,7 @@ case ${1:-} in
     ;;
   *)
     die "unknown argument $1" \
-      "scripts/setup.sh with no argument, --check, --engine-key or --default-engine"
+      "scripts/setup.sh with no argument, --check, --engine-key, --engine-wheel or --default-engine"
     ;;
 esac
 
@@ -125,7 +134,7 @@ if [[ $(cat "$VENV/.engine" 2>/dev/null) != "$engine" ]]; then
     "${pip[@]}" install --no-deps --force-reinstall "$ENGINE_WHEEL"
 fi
 
-run_logged "fbrl and its dependencies" "$LOG_DIR/fbrl.log" "${pip[@]}" install -e ".[football,density,analysis,test,lint]"
+run_logged "fbrl and its dependencies" "$LOG_DIR/fbrl.log" "${pip[@]}" install -e ".[football,density,analysis,test,lint,docs,release]"
 
 if ! message=$("$VENV/bin/python" -c 'import gfootball_engine' 2>&1); then
   die "the engine does not load: $(tail -n 1 <<<"$message")" \

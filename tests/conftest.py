@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -41,3 +42,25 @@ def run_program(tmp_path):
         )
 
     return run
+
+
+@pytest.fixture(scope="session")
+def wheel_file(tmp_path_factory):
+    """fbrl's wheel, built from its source distribution, which is built from a copy of the clone."""
+    directory = tmp_path_factory.mktemp("distributions")
+    sources = directory / "sources"
+    # A copy, so that a build never leaves anything in the clone.
+    shutil.copytree(
+        REPOSITORY / "fbrl", sources / "fbrl", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    for path in REPOSITORY.iterdir():
+        if path.is_file():
+            shutil.copy(path, sources)
+    built = subprocess.run(
+        [sys.executable, "-m", "build", "--no-isolation", "--outdir", directory, sources],
+        capture_output=True,
+        text=True,
+    )
+    assert built.returncode == 0, built.stdout + built.stderr
+    (wheel,) = directory.glob("*.whl")
+    return wheel
