@@ -53,7 +53,7 @@ class MatchRecording:
         engine_seed: Seed of the episode.
         episode_number: Its number, which decides who kicks off.
         actions: int64 (n,) in [0, 19]: action i led from state i to state i + 1.
-        observations: For each of :data:`RECORDED_KEYS` an array (n + 1, *shape of the key).
+        observations: For each of :data:`RECORDED_KEYS` an array (n + 1, ...), ended by its shape.
         rewards: For each part of the reward, by its name in the environment, float32 (n,).
     """
 
