@@ -25,11 +25,12 @@ train: setup ## Train an agent and evaluate it: SCENARIO, PRESET, FRAMES, SEED, 
 	$(BIN)/fbrl-train $(SCENARIO) --preset $(PRESET) --total-frames $(FRAMES) --seed $(SEED) \
 		--eval-untrained $(ARGS)
 
-lint: setup ## Style, format and type checks
+lint: setup ## Style, format and type checks, and known vulnerabilities of what is installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/shellcheck --external-sources scripts/setup.sh scripts/setup/*.sh .ci/run
+	$(BIN)/python scripts/audit.py
 
 test: lint ## All checks: lint and the test suite
 	$(BIN)/pytest

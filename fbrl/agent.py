@@ -7,11 +7,15 @@ from pathlib import Path
 
 import torch
 
-from fbrl.checkpoint import CheckpointError, load_checkpoint
+from fbrl.checkpoint import CHECKPOINT_NAME, CheckpointError, load_checkpoint
 from fbrl.config import ConfigError, TrainConfig, config_from_dict
+from fbrl.counts import check_count
 from fbrl.envs.factory import make_reward
 from fbrl.models.actor_critic import ActorCritic, build_actor_critic
 from fbrl.transforms import ScoringReward
+
+DENSITY_NAME = "density.npz"
+"""Where a run keeps the densities of its reward, relative to its directory."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +26,13 @@ class Agent:
         config: The training's configuration.
         frames: Frames that it was trained on.
         model: The network, on the device that was asked for.
+        run_dir: The directory of its run; None for a checkpoint that lies elsewhere.
     """
 
     config: TrainConfig
     frames: int
     model: ActorCritic
+    run_dir: Path | None = None
 
 
 def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
@@ -39,18 +45,37 @@ def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
     )
 
 
-def make_training_reward(config: TrainConfig) -> ScoringReward:
+def make_training_reward(config: TrainConfig, run_dir: Path | None = None) -> ScoringReward:
     """The reward that a configuration asks for.
+
+    Args:
+        config: The training.
+        run_dir: The directory of its run. The densities that it keeps, if there are any, are taken
+            instead of those that the configuration names, which may have changed since.
 
     Raises:
         ConfigError: Its density can't be read.
     """
     if config.reward != "analytics":
         return make_reward(config.reward)
+    density: str | Path | None = config.density
+    if run_dir is not None and (run_dir / DENSITY_NAME).is_file():
+        density = run_dir / DENSITY_NAME
     try:
-        return make_reward(config.reward, density=config.density, transition=config.transition)
+        return make_reward(config.reward, density=density, transition=config.transition)
     except (ValueError, OSError) as error:
         raise ConfigError(str(error)) from error
+
+
+def keep_density(reward: ScoringReward, run_dir: Path) -> None:
+    """Keeps the densities of a reward, if it has any, with its run.
+
+    Raises:
+        OSError: They can't be written.
+    """
+    density = getattr(reward, "density", None)
+    if density is not None:
+        density.save(run_dir / DENSITY_NAME)
 
 
 def load_agent(path: Path, device: torch.device | str = "cpu") -> Agent:
@@ -63,15 +88,40 @@ def load_agent(path: Path, device: torch.device | str = "cpu") -> Agent:
     Raises:
         CheckpointError: There is none, it is damaged, or it is no training's.
     """
-    content = load_checkpoint(path, device)
+    device = torch.device(device)
+    content = load_checkpoint(path)
     try:
         config = config_from_dict(content["config"])
         config.check()
-        model = make_model(config, torch.device(device))
+        _check_shapes(config, content["model"])
+        model = make_model(config, device)
         model.load_state_dict(content["model"])
-        return Agent(config, int(content["frames"]), model)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        frames = check_count("frames", content["frames"], at_least=0)
+    except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         reason = str(error).splitlines()[0] if isinstance(error, ConfigError) else repr(error)
         raise CheckpointError(
             f"The checkpoint at {path} is not that of a training ({reason[:200]})."
         ) from error
+    return Agent(config, frames, model, _run_dir(path))
+
+
+def _check_shapes(config: TrainConfig, weights: dict[str, torch.Tensor]) -> None:
+    """Compares the weights with those of a network that takes neither time nor memory to make.
+
+    Otherwise a few bytes of a configuration could ask for layers of gigabytes.
+    """
+    expected = make_model(config, torch.device("meta")).state_dict()
+    if weights.keys() != expected.keys():
+        raise ValueError("its weights are not those of the network in its configuration")
+    for name, weight in weights.items():
+        if weight.shape != expected[name].shape:
+            raise ValueError(
+                f"{name} has shape {tuple(weight.shape)}, not {tuple(expected[name].shape)}"
+            )
+
+
+def _run_dir(path: Path) -> Path | None:
+    if path.is_dir():
+        return path
+    is_in_run = path.resolve().parent.name == Path(CHECKPOINT_NAME).parent.name
+    return path.resolve().parent.parent if is_in_run else None

@@ -105,7 +105,7 @@ def _read(file: Path, device: torch.device | str) -> dict[str, Any]:
             f"{file} is damaged or is no checkpoint of fbrl ({type(error).__name__})."
         ) from error
     version = content.get("format_version") if isinstance(content, dict) else None
-    if not isinstance(version, int):
+    if type(version) is not int or version < 1:
         raise DamagedCheckpointError(f"{file} is no checkpoint of fbrl: it has no format version.")
     if version > FORMAT_VERSION:
         raise CheckpointError(
@@ -113,7 +113,8 @@ def _read(file: Path, device: torch.device | str) -> dict[str, Any]:
             "upgrade fbrl."
         )
     digest = content.pop("sha256", None)
-    if version > 1 and not _matches(digest, content):
+    is_whole = _is_plausible(content, file.stat().st_size)
+    if not is_whole or (version > 1 and not _matches(digest, content)):
         raise DamagedCheckpointError(f"{file} is damaged: its content is not what was saved.")
     return content
 
@@ -122,8 +123,29 @@ def _matches(digest: Any, content: Mapping[str, Any]) -> bool:
     saved = {name: value for name, value in content.items() if name != "format_version"}
     try:
         return digest == _digest(saved)
-    except TypeError:  # something that is never saved
+    except Exception:  # something that is never saved
         return False
+
+
+def _is_plausible(content: Mapping[str, Any], file_size: int) -> bool:
+    """Whether a content is no larger than a file of this size can be that was saved here.
+
+    A few bytes can stand for lists within lists that take years to walk through, for a list within
+    itself, or for a tensor of terabytes that has one number in memory.
+    """
+    left: list[Any] = [content]
+    entries = 0
+    while left:
+        value = left.pop()
+        if isinstance(value, torch.Tensor) and value.numel() * value.element_size() > file_size:
+            return False
+        if isinstance(value, (Mapping, list, tuple)):
+            entries += len(value)
+            # Each takes at least one byte.
+            if entries > file_size:
+                return False
+            left += [*value.keys(), *value.values()] if isinstance(value, Mapping) else value
+    return True
 
 
 def _digest(content: Mapping[str, Any]) -> str:

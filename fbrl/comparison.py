@@ -28,6 +28,7 @@ from fbrl.run_log import (
     read_run_log,
 )
 from fbrl.seeds import Estimate, interquartile_mean, probability_of_improvement
+from fbrl.transforms import ScoringReward
 
 Row = dict[str, Any]
 """One result, flat, as it is written to tables."""
@@ -43,6 +44,7 @@ class Contestant:
         action_set: What ``policy`` chooses from.
         config: How it was trained; None for a baseline.
         frames: Frames that it was trained on; None for a baseline.
+        reward: What it was trained with; None for a baseline.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Contestant:
     action_set: ActionSet = "default"
     config: TrainConfig | None = None
     frames: int | None = None
+    reward: ScoringReward | None = None
 
 
 @dataclass(frozen=True)
@@ -82,9 +85,9 @@ def trained(path: Path, device: torch.device) -> Contestant:
     """
     agent = load_agent(path, device)
     # Not found out when its turn comes, after the matches of others.
-    make_training_reward(agent.config)
+    reward = make_training_reward(agent.config, agent.run_dir)
     policy = agent.model.get_collection_policy()
-    return Contestant(str(path), policy, config=agent.config, frames=agent.frames)
+    return Contestant(str(path), policy, config=agent.config, frames=agent.frames, reward=reward)
 
 
 def baseline(name: str) -> Contestant:
@@ -124,7 +127,6 @@ def play(
         on_progress: Called with the number of matches finished so far.
 
     Raises:
-        ConfigError: The density of the agent's reward can't be read.
         EngineNotInstalledError: gfootball is missing.
     """
     config = contestant.config
@@ -132,7 +134,7 @@ def play(
     env = make_env(
         scenario,
         num_envs=num_envs,
-        reward="analytics" if config is None else make_training_reward(config),
+        reward="analytics" if contestant.reward is None else contestant.reward.clone(),
         observation="simple115" if config is None else config.observation,
         action_set=contestant.action_set,
         seed=fresh_seed(contestant, scenario, seed),

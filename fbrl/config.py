@@ -12,6 +12,7 @@ from typing import Any
 
 from fbrl.atomic_write import atomic_write
 from fbrl.envs.scenarios import SCENARIOS, check_scenario
+from fbrl.field_types import FieldTypeError, check_field_types
 from fbrl.names import check_name
 
 REWARD_NAMES = ("analytics", "checkpoints", "scoring")
@@ -99,7 +100,8 @@ class PPOConfig:
         return self.minibatch_size or self.frames_per_batch // self.num_minibatches
 
     def check(self) -> None:
-        """Raises :class:`ConfigError` for a value out of range."""
+        """Raises :class:`ConfigError` for a value of another type or out of range."""
+        _check_types(self)
         for name in ("total_frames", "num_envs", "num_steps", "num_minibatches", "num_epochs"):
             _check(self, name, getattr(self, name) >= 1, "at least 1")
         for name in ("learning_rate", "clip_epsilon", "critic_coeff", "max_grad_norm"):
@@ -202,6 +204,7 @@ class TrainConfig:
 
     def check(self) -> None:
         """Raises :class:`ConfigError`, or ``UnknownNameError``, for an impossible value."""
+        _check_types(self)
         check_scenario(self.scenario)
         check_name("preset", self.preset, PRESETS)
         check_name("reward", self.reward, REWARD_NAMES)
@@ -209,6 +212,7 @@ class TrainConfig:
         check_name("observation", self.observation, OBSERVATION_NAMES)
         check_name("activation", self.activation, ACTIVATION_NAMES)
         _check(self, "hidden_sizes", min(self.hidden_sizes, default=0) >= 1, "positive widths")
+        _check(self, "hidden_sizes", len(self.hidden_sizes) <= 64, "at most 64 of them")
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
         _check(self, "num_threads", self.num_threads is None or self.num_threads >= 1, "at least 1")
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
@@ -224,9 +228,16 @@ class TrainConfig:
         self.ppo.check()
 
 
+def _check_types(config: Any) -> None:
+    try:
+        check_field_types(config)
+    except FieldTypeError as error:
+        raise ConfigError(str(error)) from error
+
+
 def _check(config: Any, name: str, holds: bool, allowed: str) -> None:
     if not holds:
-        raise ConfigError(f"{name} is {getattr(config, name)}; it must be {allowed}.")
+        raise ConfigError(f"{name} is {getattr(config, name)!s:.100}; it must be {allowed}.")
 
 
 # Table 5.1 of the thesis; the row of the full matches differs in four values.
@@ -255,10 +266,12 @@ def preset_config(preset: str, scenario: str) -> TrainConfig:
         scenario: The thesis has other hyperparameters for 11 against 11.
 
     Raises:
-        ValueError: There is no preset of this name.
+        UnknownNameError: There is no preset of this name.
+        ConfigError: The scenario is no text.
     """
     check_name("preset", preset, PRESETS)
     config = TrainConfig(scenario, preset, ppo=_LIGHT)
+    _check_types(config)
     if preset == "thesis":
         is_full_match = scenario.startswith("11_vs_11")
         ppo = _THESIS_FULL_MATCH if is_full_match else _THESIS_ACADEMY
@@ -286,13 +299,16 @@ def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
     """The configuration that :func:`config_to_dict` made a dictionary of.
 
     Raises:
-        ConfigError: A field is unknown, or the scenario is missing.
+        ConfigError: A field is unknown or of another type, or the scenario is missing.
     """
     try:
         ppo = PPOConfig(**values.get("ppo", {}))
         config = TrainConfig(**{**values, "ppo": ppo})
         run_dir = None if config.run_dir is None else Path(config.run_dir)
         hidden_sizes = tuple(config.hidden_sizes)
-    except TypeError as error:
+    except (TypeError, AttributeError) as error:
         raise ConfigError(f"This is no configuration of a training: {error}.") from error
-    return dataclasses.replace(config, run_dir=run_dir, hidden_sizes=hidden_sizes)
+    config = dataclasses.replace(config, run_dir=run_dir, hidden_sizes=hidden_sizes)
+    _check_types(config)
+    _check_types(config.ppo)
+    return config

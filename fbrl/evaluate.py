@@ -13,6 +13,7 @@ from scipy import stats
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
+from fbrl.counts import check_count
 from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
 from fbrl.transforms import PLAY_STATISTICS
 
@@ -117,7 +118,12 @@ def evaluate(
         greedy: Take the most probable action instead of sampling.
         device: Where the policy runs.
         on_progress: Called with the number of matches finished so far.
+
+    Raises:
+        ValueError: No match is asked for, or the actions are none.
+        TypeError: The number of matches is no integer, or the environment or the policy is none.
     """
+    _check_env(env)
     sums = [key for key in env.reward_keys if isinstance(key, str)]
     figures: list[dict[str, float]] = []
     for following, counted in play_matches(env, policy, episodes, greedy=greedy, device=device):
@@ -152,18 +158,34 @@ def play_matches(
     Yields:
         What each step led to, of shape (num_envs,), and which places were still playing a match of
         their share, boolean of shape (num_envs,).
+
+    Raises:
+        ValueError: No match is asked for, or the actions are none.
+        TypeError: The number of matches is no integer, or the environment or the policy is none.
     """
+    _check_env(env)
+    episodes = check_count("episodes", episodes)
     num_envs = env.batch_size[0]
     left = torch.full((num_envs,), 2 * math.ceil(episodes / (2 * num_envs)))
     exploration = ExplorationType.DETERMINISTIC if greedy else ExplorationType.RANDOM
     state = env.reset()
     while (left > 0).any():
         with set_exploration_type(exploration):
-            state = policy(state.to(device)).to(env.device)
+            state = policy(state.to(device))
+        if not isinstance(state, TensorDictBase):
+            raise TypeError(f"The policy returned {state!r}; it must return its tensordict.")
+        state = state.to(env.device)
         step, state = env.step_and_maybe_reset(state)
         following, counted = step.get("next"), left > 0
         yield following, counted
         left -= (following.get("done").squeeze(-1) & counted).long()
+
+
+def _check_env(env: EnvBase) -> None:
+    if not isinstance(env, EnvBase) or len(env.batch_size) != 1:
+        raise TypeError(
+            f"The environment is a {type(env).__name__}; it must be one of fbrl.envs.make_env."
+        )
 
 
 def _figures(match: TensorDictBase, reward_keys: list[str]) -> dict[str, float]:

@@ -6,6 +6,7 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
+from fbrl.counts import check_count
 from fbrl.envs.engine import BUILTIN_AI, NUM_ACTIONS
 from fbrl.envs.football import ActionSet
 from fbrl.names import check_name
@@ -41,6 +42,10 @@ class ConstantPolicy(TensorDictModuleBase):
 
     Attributes:
         action_set: The action set that the environment needs.
+
+    Raises:
+        ValueError: The action is out of range.
+        TypeError: It is no integer.
     """
 
     in_keys: list[str] = []  # noqa: RUF012 (the base class's type)
@@ -48,6 +53,8 @@ class ConstantPolicy(TensorDictModuleBase):
 
     def __init__(self, action: int) -> None:
         super().__init__()
+        if check_count("action", action, at_least=0) > BUILTIN_AI:
+            raise ValueError(f"action is {action}; it must be in [0, {BUILTIN_AI}].")
         self.action = action
         self.action_set: ActionSet = "v2" if action == BUILTIN_AI else "default"
 

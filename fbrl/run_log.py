@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fbrl.config import ConfigError, TrainConfig, config_from_dict
+from fbrl.config import TrainConfig, config_from_dict
 from fbrl.names import UnknownNameError, check_name
 
 FRAMES = "frames"
@@ -41,8 +41,9 @@ class RunLog:
     def metrics(self) -> Columns:
         """Each column of ``metrics.csv`` as float64 of shape (iterations,).
 
-        ``frames`` rises strictly; the other names are those of :mod:`fbrl.monitor`. What was not
-        logged in an iteration is NaN, as the results of matches are before the first has ended.
+        ``frames`` are integers that rise strictly; the other names are those of
+        :mod:`fbrl.monitor`. What was not logged in an iteration is NaN, as the results of matches
+        are before the first has ended.
 
         Raises:
             RunLogError: The file is missing, damaged, or has no iteration yet.
@@ -142,7 +143,9 @@ def read_run_log(run_dir: Path) -> RunLog:
         ) from error
     except OSError as error:
         raise RunLogError(f"{path} cannot be read ({error.strerror}).") from error
-    except (ConfigError, UnknownNameError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except RunLogError:
+        raise
+    except (ValueError, RecursionError) as error:  # of the JSON, and of the configuration
         raise RunLogError(f"{path} is damaged, or of another version of fbrl: {error}") from error
 
 
@@ -224,7 +227,17 @@ def _read_columns(path: Path) -> Columns:
                 f"{path} is damaged: line {number} is cut off or too long ({len(row)} values in "
                 f"{len(header)} columns). Without that line the rest can be used."
             )
-    return {name: _numbers(path, name, column) for name, *column in zip(header, *rows, strict=True)}
+    columns = {
+        name: _numbers(path, name, column) for name, *column in zip(header, *rows, strict=True)
+    }
+    frames = columns[FRAMES]
+    odd = np.flatnonzero(~((frames >= 0) & (frames < 2**53) & (frames == np.floor(frames))))
+    if len(odd):
+        raise RunLogError(
+            f"{path} is damaged: line {odd[0] + 2} has {frames[odd[0]]} as {FRAMES}, which is no "
+            "number of frames."
+        )
+    return columns
 
 
 def _numbers(path: Path, name: str, column: list[str]) -> NDArray[np.float64]:

@@ -390,10 +390,10 @@ class TestFile:
             ({"version": "1"}, "format version '1'"),
             ({"credit": None}, r"metadata lacks \['credit'\]"),
             ({"peak_end": None}, r"metadata lacks \['peak_end'\]"),
-            ({"peak_end": "high"}, "end: its peak is 'high', not a number"),
+            ({"peak_end": "high"}, "end: peak is 'high'; it must be a number"),
             ({"peak_end": -0.1}, "end: peak is -0.1"),
-            ({"n": "many"}, "n in its metadata is 'many'"),
-            ({"counts": 5}, "counts in its metadata is 5"),
+            ({"n": "many"}, "in its metadata n is 'many'"),
+            ({"counts": 5}, "in its metadata counts is 5"),
         ],
     )
     def test_a_wrong_file_is_named_with_the_value(self, tmp_path, change, message):

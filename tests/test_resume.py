@@ -199,14 +199,53 @@ def test_a_checkpoint_of_the_first_format_is_refused(copied):
         train(copied, resume=True)
 
 
-def test_a_whole_file_that_is_no_trainings_is_refused(copied):
+ODD_CONTENTS = {
+    "no matches": ({"matches": []}, "states of 0 matches for 2"),
+    "matches of another kind": ({"matches": [1, 2]}, "not that of this training"),
+    "no weights": ({"model": {}}, "not that of this training"),
+    "no random numbers": ({"random_numbers": None}, "has None as random_numbers"),
+    "odd random numbers": ({"random_numbers": {"cpu": 5, "cuda": None}}, "not that of this"),
+    "an odd optimiser": ({"optimizer": {"state": 5, "param_groups": []}}, "not that of this"),
+    "no optimiser": ({"optimizer": "Adam"}, "has 'Adam' as optimizer"),
+    "frames below 0": ({"frames": -1}, "has -1 as frames"),
+    "frames as a text": ({"frames": "64"}, "has '64' as frames"),
+    "no next step": ({"next_step": {}}, "not that of this training"),
+    "an odd next step": ({"next_step": {"simple115": torch.zeros(2, 5)}}, "not that of this"),
+    "no means": ({"monitor": {}}, "no means of the last matches"),
+    "odd evaluations": ({"evaluated_at": "64"}, "has '64' as evaluated_at"),
+    "odd crashes": ({"crashes": "1"}, "has '1' as crashes"),
+}
+
+
+@pytest.mark.parametrize("case", ODD_CONTENTS)
+def test_a_whole_file_that_is_no_trainings_is_refused(case, copied):
     last = copied.run_dir / "checkpoints" / "last.pt"
     content = load_checkpoint(last)
     del content["format_version"]
-    for change in ({"matches": []}, {"model": {}}, {"random_numbers": None}):
-        save_checkpoint(last, **{**content, **change})
-        with pytest.raises(CheckpointError, match="not that of this training"):
+    change, message = ODD_CONTENTS[case]
+    save_checkpoint(last, **{**content, **change})
+    with pytest.raises(CheckpointError, match=message):
+        train(copied, resume=True)
+
+
+def test_a_file_that_lacks_anything_is_refused_by_what_it_lacks(copied):
+    last = copied.run_dir / "checkpoints" / "last.pt"
+    content = load_checkpoint(last)
+    del content["format_version"]
+    for name in content.keys() - {"matches", "crashes"}:
+        save_checkpoint(last, **{key: value for key, value in content.items() if key != name})
+        with pytest.raises(CheckpointError, match=f"has no {name}: no training can go on"):
             train(copied, resume=True)
+
+
+def test_a_state_of_another_match_is_refused_before_the_engine_crashes_on_it(copied):
+    last = copied.run_dir / "checkpoints" / "last.pt"
+    content = load_checkpoint(last)
+    del content["format_version"]
+    content["matches"][0]["match"]["engine"] = content["matches"][1]["match"]["engine"]
+    save_checkpoint(last, **content)
+    with pytest.raises(CheckpointError, match="not that of a match of"):
+        train(copied, resume=True)
 
 
 BAD_USAGE = {

@@ -263,7 +263,7 @@ def _player(options: argparse.Namespace) -> dict[str, Any]:
         "policy": agent.model.get_collection_policy(),
         "scenario": options.scenario or config.scenario,
         "observation": config.observation,
-        "reward": make_training_reward(config),
+        "reward": make_training_reward(config, agent.run_dir),
         "device": device,
     }
 

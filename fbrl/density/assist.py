@@ -15,11 +15,13 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from fbrl.array_file import ArrayFileError, read_arrays
 from fbrl.atomic_write import atomic_write
 from fbrl.density.position import PositionDensity
 
 FORMAT = "fbrl-assist-density"
 FORMAT_VERSION = 1
+_LARGEST_CONTENT = 64 * 2**20
 DEFAULT_FILE = "open_play_assists_2015_16.npz"
 
 _REFIT = "Fit a new one with `fbrl-density fit`."
@@ -43,6 +45,9 @@ class DensityMetadata:
         counts: how many passes there are of each competition and season.
         metres: whether an isotropic kernel is round in metres instead of in pitch units.
         mirror: whether the surfaces were averaged with their left-right mirror images.
+
+    Raises:
+        TypeError: if a value is of another kind.
     """
 
     source: str
@@ -57,6 +62,17 @@ class DensityMetadata:
     metres: bool = False
     mirror: bool = False
 
+    def __post_init__(self) -> None:
+        """Checks the kinds, as another one could be saved but not be read again."""
+        for field, kinds in _FIELD_TYPES.items():
+            value = getattr(self, field)
+            if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+                raise TypeError(f"{field} is {value!r}, which is of the wrong kind")
+        if not all(
+            isinstance(n, int) and isinstance(group, str) for group, n in self.counts.items()
+        ):
+            raise TypeError(f"counts is {self.counts!r}; it must give an integer for each text")
+
 
 _FIELD_TYPES: dict[str, tuple[type, ...]] = {
     "source": (str,),
@@ -67,7 +83,7 @@ _FIELD_TYPES: dict[str, tuple[type, ...]] = {
     "bandwidth_end": (float, int),
     "max_interpolation_error": (float, int),
     "credit": (str,),
-    "counts": (dict,),
+    "counts": (Mapping,),
     "metres": (bool,),
     "mirror": (bool,),
 }
@@ -81,6 +97,9 @@ class AssistDensity(nn.Module):
         start: density of the positions that assists were played from.
         end: density of the positions that assists were received at.
         metadata: where they come from; ``None`` for made-up densities, which cannot be saved.
+
+    Raises:
+        TypeError: if one of them is something else.
 
     Examples:
         >>> from fbrl.density import AssistDensity
@@ -102,6 +121,14 @@ class AssistDensity(nn.Module):
         metadata: DensityMetadata | None = None,
     ) -> None:
         super().__init__()
+        for name, value, kind in (
+            ("start", start, PositionDensity),
+            ("end", end, PositionDensity),
+            ("metadata", metadata, DensityMetadata | None),
+        ):
+            if not isinstance(value, kind):
+                expected = "DensityMetadata or None" if name == "metadata" else "a PositionDensity"
+                raise TypeError(f"{name} is a {type(value).__name__}; expected {expected}.")
         self.start = start
         self.end = end
         self.metadata = metadata
@@ -122,9 +149,13 @@ class AssistDensity(nn.Module):
 
         Raises:
             FileNotFoundError: if there is no such file.
+            OSError: if it cannot be read.
+            TypeError: if the path is none.
             ValueError: if the file is truncated, of another format, of a newer version, or holds
                 grids that are not densities. The message names the file, the value and the remedy.
         """
+        if not isinstance(path, (str, os.PathLike)):
+            raise TypeError(f"path is {path!r}; expected the path of a density file.")
         path = Path(path)
         if not path.is_file():
             raise FileNotFoundError(f"No density file at {path}. {_REFIT}")
@@ -164,9 +195,8 @@ class AssistDensity(nn.Module):
 
 def _read(file: IO[bytes], name: str) -> AssistDensity:
     try:
-        with np.load(file, allow_pickle=False) as archive:
-            entries = {key: archive[key] for key in archive.files}
-    except Exception as error:  # zipfile, zlib and numpy raise a dozen kinds for damaged files
+        entries = read_arrays(file, _LARGEST_CONTENT)
+    except ArrayFileError as error:
         raise ValueError(
             f"{name} is not a readable density file ({error}): truncated, or another format. "
             f"{_REFIT}"
@@ -183,13 +213,17 @@ def _read(file: IO[bytes], name: str) -> AssistDensity:
         for field in dataclasses.fields(DensityMetadata)
         if field.name in header
     }
-    return AssistDensity(start, end, DensityMetadata(**fields))
+    try:
+        metadata = DensityMetadata(**fields)
+    except TypeError as error:
+        raise ValueError(f"{name}: in its metadata {error}. {_REFIT}") from error
+    return AssistDensity(start, end, metadata)
 
 
 def _read_header(entry: NDArray[Any], name: str) -> dict[str, Any]:
     try:
         header = json.loads(str(entry))
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{name}: its metadata is not JSON ({error}). {_REFIT}") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ValueError(f"{name}: its metadata does not say format {FORMAT!r}. {_REFIT}")
@@ -202,21 +236,13 @@ def _read_header(entry: NDArray[Any], name: str) -> dict[str, Any]:
     missing = (_FIELD_TYPES.keys() - _OPTIONAL | {"peak_start", "peak_end"}) - header.keys()
     if missing:
         raise ValueError(f"{name}: its metadata lacks {sorted(missing)}. {_REFIT}")
-    for field, kinds in _FIELD_TYPES.items():
-        if field in header and not isinstance(header[field], kinds):
-            raise ValueError(
-                f"{name}: {field} in its metadata is {header[field]!r}, which is of the wrong "
-                f"kind. {_REFIT}"
-            )
     return header
 
 
 def _read_density(grid: NDArray[Any], peak: Any, name: str) -> PositionDensity:
-    if not isinstance(peak, (int, float)) or isinstance(peak, bool):
-        raise ValueError(f"{name}: its peak is {peak!r}, not a number. {_REFIT}")
     if grid.dtype.kind != "f":
         raise ValueError(f"{name}: its grid has dtype {grid.dtype}, not floating point. {_REFIT}")
     try:
         return PositionDensity(torch.from_numpy(np.ascontiguousarray(grid, np.float32)), peak)
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         raise ValueError(f"{name}: {error} {_REFIT}") from error

@@ -28,10 +28,19 @@ def uniform(density: AssistDensity, positions: Tensor | None = None) -> AssistDe
         density: the densities to compare with.
         positions: (n, 2) positions in pitch units, such as those of
             :func:`fbrl.possession.ball_positions`, to take the mean over instead of over the pitch.
+
+    Raises:
+        ValueError: if none of the positions is where the densities are above 0.
+        TypeError: if these are no densities.
     """
+    _check(density)
 
     def constant(surface: PositionDensity) -> PositionDensity:
         mean = mean_over_pitch(surface) if positions is None else float(surface(positions).mean())
+        if not mean > 0:
+            raise ValueError(
+                "The densities' mean over the positions is not above 0: is none there?"
+            )
         return PositionDensity(torch.ones(2, 2), mean)
 
     name = "uniform" if positions is None else f"uniform (mean at {len(positions)} positions)"
@@ -83,6 +92,8 @@ def open_density(name_or_path: str | os.PathLike[str]) -> AssistDensity:
 
     Raises:
         FileNotFoundError: if there is neither such a name nor such a file.
+        OSError: if the file cannot be read.
+        TypeError: if it is neither a name nor a path.
         ValueError: if the file is no density file.
 
     Examples:
@@ -92,6 +103,10 @@ def open_density(name_or_path: str | os.PathLike[str]) -> AssistDensity:
         >>> density.end(torch.tensor([[0.9, 0.0], [-0.9, 0.3]])).round(decimals=4)
         tensor([0.0035, 0.0035])
     """
+    if not isinstance(name_or_path, (str, os.PathLike)):
+        raise TypeError(
+            f"The density is {name_or_path!r}; expected a path, or one of {', '.join(BUILT_IN)}."
+        )
     if name_or_path in BUILT_IN:
         return BUILT_IN[str(name_or_path)]()
     if not Path(name_or_path).is_file():
@@ -115,9 +130,15 @@ def _trapezoid_weights(size: int) -> Tensor:
     return weights / (size - 1)
 
 
+def _check(density: AssistDensity) -> None:
+    if not isinstance(density, AssistDensity):
+        raise TypeError(f"density is a {type(density).__name__}; expected an AssistDensity.")
+
+
 def _control(
     density: AssistDensity, name: str, change: Callable[[PositionDensity], PositionDensity]
 ) -> AssistDensity:
+    _check(density)
     metadata = density.metadata
     if metadata is not None:
         metadata = dataclasses.replace(metadata, source=f"{name} control of: {metadata.source}")

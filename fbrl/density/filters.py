@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from fbrl.density.passes import Pass, Passes
+from fbrl.density.pitch import STATSBOMB_LENGTH
 from fbrl.names import check_name
 
 
@@ -83,10 +84,15 @@ class PassFilter:
     min_end_x: float | None = None
 
     def __post_init__(self) -> None:
-        """Checks the names."""
+        """Checks the names and the bounds."""
         if self.name is not None:
             check_name("filter", self.name, FILTERS)
         check_name("population", self.population, POPULATIONS)
+        for bound, value in (("min_x", self.min_x), ("min_end_x", self.min_end_x)):
+            if value is not None and not (
+                isinstance(value, (int, float)) and 0 <= value <= STATSBOMB_LENGTH
+            ):
+                raise ValueError(f"{bound} is {value!r}; it must be in [0, {STATSBOMB_LENGTH:g}].")
 
     def __call__(self, passes: Passes) -> list[Pass]:
         """The passes that are kept, in their order.

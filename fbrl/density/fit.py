@@ -80,11 +80,14 @@ def fit_position_density(
     Raises:
         ValueError: if the points make no density (see :func:`fbrl.density.kde.check_points`), the
             bandwidth is none, or no grid is fine enough for it.
+        TypeError: if columns is no integer, or peak no number.
     """
     xy = check_points(points, name)
     covariance = kernel_covariance(xy, bandwidth, metres=metres)
     h = equivalent_bandwidth(covariance)
     if columns is not None:
+        if isinstance(columns, bool) or not isinstance(columns, int):
+            raise TypeError(f"columns is {columns!r}; it must be an integer.")
         if not COARSEST_GRID <= columns <= FINEST_GRID:
             raise ValueError(
                 f"columns is {columns}; it must be from {COARSEST_GRID} to {FINEST_GRID}."
@@ -169,11 +172,9 @@ def fit_assist_density(
         >>> density.metadata.n
         200
     """
-    if len(np.asarray(starts)) != len(np.asarray(ends)):
-        raise ValueError(
-            f"{len(np.asarray(starts))} starts but {len(np.asarray(ends))} ends; "
-            "each assist needs both."
-        )
+    starts, ends = check_points(starts, "starts"), check_points(ends, "ends")
+    if len(starts) != len(ends):
+        raise ValueError(f"{len(starts)} starts but {len(ends)} ends; each assist needs both.")
     start, end = (
         fit_position_density(
             points,
@@ -189,7 +190,7 @@ def fit_assist_density(
     metadata = DensityMetadata(
         source=source,
         filter=filter,
-        n=len(np.asarray(starts)),
+        n=len(starts),
         bandwidth_rule=str(bandwidth),
         bandwidth_start=start.bandwidth,
         bandwidth_end=end.bandwidth,

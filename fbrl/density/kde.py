@@ -15,6 +15,9 @@ BandwidthRule = Literal["thesis", "scipy-silverman", "scipy-scott"]
 MIN_POINTS = 10
 """Fewer points than this say nothing about where goals are made."""
 
+WIDEST_BANDWIDTH = 1000.0
+"""Far wider than the pitch, in units or in metres."""
+
 _QUERY_BLOCK = 4096
 
 
@@ -26,10 +29,13 @@ def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]
         name: what error messages call them.
 
     Raises:
-        ValueError: on a wrong shape, fewer than 10 points, NaN or infinite values, points outside
-            the pitch, or an axis without any spread.
+        ValueError: on what is no array of numbers, a wrong shape, fewer than 10 points, NaN or
+            infinite values, points outside the pitch, or an axis without any spread.
     """
-    xy = np.asarray(points, dtype=np.float64)
+    try:
+        xy = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} are no array of numbers ({error}).") from error
     if xy.ndim != 2 or xy.shape[1] != 2:
         raise ValueError(f"{name} has shape {xy.shape}; expected (n, 2): x and y of each point.")
     if len(xy) < MIN_POINTS:
@@ -105,11 +111,13 @@ def _covariance(
         scale = (dimensions + 2) / 4.0 if bandwidth == "scipy-silverman" else 1.0
         factor = (n * scale) ** (-1.0 / (dimensions + 4))
         return factor**2 * np.cov(points, rowvar=False, ddof=1)
-    if isinstance(bandwidth, (int, float)) and 0 < bandwidth < np.inf:
+    is_number = isinstance(bandwidth, (int, float)) and not isinstance(bandwidth, bool)
+    if is_number and 0 < float(bandwidth) <= WIDEST_BANDWIDTH:
         return float(bandwidth) ** 2 * np.eye(2)
     allowed = ", ".join(repr(rule) for rule in get_args(BandwidthRule))
     raise ValueError(
-        f"bandwidth is {bandwidth!r}; expected one of {allowed}, or a positive number."
+        f"bandwidth is {bandwidth!r}; expected one of {allowed}, or a positive number up to "
+        f"{WIDEST_BANDWIDTH:g}."
     )
 
 

@@ -38,9 +38,10 @@ class PassCache:
         """The passes of a match; ``None`` if it isn't here."""
         rows = self._read(f"match-{match_id}")
         try:
-            return None if rows is None else [Pass(**row) for row in rows]
+            passes = None if rows is None else [Pass(**row) for row in rows]
         except TypeError:
             return None
+        return passes if passes is None or all(map(_is_whole, passes)) else None
 
     def keep_passes(self, match_id: int, rows: Sequence[Pass]) -> None:
         """Keeps the passes of a match."""
@@ -60,7 +61,7 @@ class PassCache:
     def _read(self, name: str) -> list[Any] | None:
         try:
             content = json.loads(self._path(name).read_text(encoding="utf-8"))
-        except (FileNotFoundError, ValueError):
+        except (FileNotFoundError, ValueError, RecursionError):
             return None
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             return None
@@ -78,3 +79,13 @@ class PassCache:
             os.replace(temporary, self._path(name))
         finally:
             Path(temporary).unlink(missing_ok=True)
+
+
+def _is_whole(row: Pass) -> bool:
+    return (
+        all(type(value) is float for value in row.position)
+        and type(row.match_id) in (int, type(None))
+        and all(type(text) in (str, type(None)) for text in (row.play_pattern, row.pass_type))
+        and type(row.group) is str
+        and type(row.cross) is type(row.goal_assist) is bool
+    )

@@ -85,7 +85,7 @@ def passes_of_match(events: Iterable[Mapping[str, Any]], match_id: int) -> list[
             if event["type"]["name"] == "Pass"
             and (event["pass"].get("goal_assist") or event["pass"].get("shot_assist"))
         ]
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise ValueError(
             f"Match {match_id}: an event is not in StatsBomb's layout "
             f"({type(error).__name__}: {error})."
@@ -102,11 +102,18 @@ def _pass_of_event(event: Mapping[str, Any], match_id: int) -> Pass:
         end_x,
         end_y,
         match_id=match_id,
-        play_pattern=event["play_pattern"]["name"],
-        pass_type=details["type"]["name"] if "type" in details else None,
+        play_pattern=_name(event["play_pattern"]),
+        pass_type=_name(details["type"]) if "type" in details else None,
         cross=bool(details.get("cross", False)),
         goal_assist=bool(details.get("goal_assist", False)),
     )
+
+
+def _name(entry: Mapping[str, Any]) -> str:
+    name = entry["name"]
+    if not isinstance(name, str):
+        raise TypeError(f"name {name!r} is no text")
+    return name
 
 
 @dataclass(frozen=True)

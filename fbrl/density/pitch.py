@@ -29,12 +29,18 @@ def pitch_from_statsbomb(points: ArrayLike) -> NDArray[np.float64]:
     Returns:
         An array of the same shape, x in [-1, 1] and y in [-0.42, 0.42] for points on the pitch.
 
+    Raises:
+        ValueError: if they are no numbers, or of another shape.
+
     Examples:
         >>> pitch_from_statsbomb([[120.0, 40.0], [0.0, 80.0]])
         array([[ 1.  ,  0.  ],
                [-1.  ,  0.42]])
     """
-    xy = np.asarray(points, dtype=np.float64)
+    try:
+        xy = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"points are no array of numbers ({error}).") from error
     if xy.ndim == 0 or xy.shape[-1] != 2:
         raise ValueError(
             f"points has shape {xy.shape}; the last dimension must be 2: "

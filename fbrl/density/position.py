@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import math
+import numbers
+import sys
 
 import torch
 from torch import Tensor, nn
@@ -27,6 +28,10 @@ class PositionDensity(nn.Module):
             index along x. At least 2 x 2, finite, not negative, not all zero.
         peak: the value at the highest node. Positive and finite.
 
+    Raises:
+        TypeError: if the grid is no floating-point tensor, or the peak no number.
+        ValueError: if they are out of range.
+
     Examples:
         >>> import torch
         >>> from fbrl.density import PositionDensity
@@ -44,9 +49,7 @@ class PositionDensity(nn.Module):
     def __init__(self, grid: Tensor, peak: float = 1.0) -> None:
         super().__init__()
         normalised = _normalised_grid(grid)
-        if not (math.isfinite(peak) and peak > 0):
-            raise ValueError(f"peak is {peak!r}; it must be a positive, finite number.")
-        self.peak = float(peak)
+        self.peak = _checked_peak(peak)
         columns, rows = normalised.shape
         self._rows = rows
         # One lookup per position instead of four: each node carries the values of the cell that
@@ -78,7 +81,18 @@ class PositionDensity(nn.Module):
         Returns:
             The density at each position, shape (...), in [0, peak]; 0 outside the pitch and for
             NaN. It has the wider of the position's and the grid's dtype.
+
+        Raises:
+            TypeError: if the position is no floating-point tensor.
+            ValueError: if its last dimension is not 2.
         """
+        if not isinstance(position, Tensor) or not position.is_floating_point():
+            kind = getattr(position, "dtype", type(position).__name__)
+            raise TypeError(f"position is {kind}; expected a floating-point tensor.")
+        if position.shape[-1:] != (2,):
+            raise ValueError(
+                f"position has shape {tuple(position.shape)}; expected (..., 2): x and y."
+            )
         # In units of cells; a NaN becomes a position outside the pitch, hence density 0.
         cells = torch.addcmul(self._last / 2.0, position, self._scale).nan_to_num(nan=-1.0)
         on_pitch = torch.minimum(cells.clamp_min(0.0), self._last)
@@ -96,7 +110,18 @@ class PositionDensity(nn.Module):
         return f"columns={columns}, rows={rows}, peak={self.peak}"
 
 
+def _checked_peak(peak: float) -> float:
+    if isinstance(peak, bool) or not isinstance(peak, numbers.Real):
+        raise TypeError(f"peak is {peak!r}; it must be a number.")
+    # An integer of Python may be larger than any other number.
+    if not 0 < peak <= sys.float_info.max:
+        raise ValueError(f"peak is {peak!r}; it must be a positive, finite number.")
+    return float(peak)
+
+
 def _normalised_grid(grid: Tensor) -> Tensor:
+    if not isinstance(grid, Tensor):
+        raise TypeError(f"grid is a {type(grid).__name__}; expected a floating-point tensor.")
     if grid.ndim != 2 or min(grid.shape) < 2:
         raise ValueError(
             f"grid has shape {tuple(grid.shape)}; expected (columns, rows), each at least 2."

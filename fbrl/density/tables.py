@@ -125,7 +125,7 @@ def _read_events(path: Path) -> list[dict[str, Any]]:
     try:
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
             events = json.load(file)
-    except (ValueError, EOFError, zlib.error, gzip.BadGzipFile) as error:
+    except (ValueError, RecursionError, EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise ValueError(
             f"{path} is damaged or is no file of events ({error}). Download it again."
         ) from error

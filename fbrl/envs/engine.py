@@ -17,6 +17,7 @@ import numpy as np
 
 from fbrl.envs.gfootball_import import GFootball, load_gfootball
 from fbrl.envs.match_row import WHOLE_ROW, RowLayout
+from fbrl.field_types import check_field_types
 
 NUM_ACTIONS = 19
 BUILTIN_AI = NUM_ACTIONS
@@ -30,6 +31,11 @@ FIRST_EPISODE = 2
 
 ROW_LENGTH = WHOLE_ROW.length
 """Numbers of a match with all its keys."""
+
+# Behind the random numbers the engine's state has the scenario's rules and the seed, which its
+# GameContext::ProcessState checks too, but by crashing. It writes at most ten million bytes.
+_CONSTANT_PART = slice(2512, 2580)
+_LARGEST_STATE = 10_000_000
 
 # gfootball restarts a match for a player who makes it wait: football_env_core.py, step().
 _WAITING_STEPS_BEFORE_FORCED_PASS = 20
@@ -141,6 +147,10 @@ class Match:
         self._running = False
         self._release()
 
+    def _check_open(self) -> None:
+        if not self._release.alive:
+            raise RuntimeError(f"The match of {self.scenario!r} is closed: make a new one.")
+
     def reset(self, seed: int, episode_number: int = FIRST_EPISODE) -> None:
         """Starts an episode and steps on until the game is in play.
 
@@ -149,8 +159,7 @@ class Match:
                 processes first. Scenarios marked deterministic ignore it.
             episode_number: In scenarios with a kick-off the left team has it in even episodes.
         """
-        if not self._release.alive:
-            raise RuntimeError(f"The match of {self.scenario!r} is closed: make a new one.")
+        self._check_open()
         self._previous_score_difference = 0
         self._previous_game_mode = -1
         self._previous_ball_owned_team = -1
@@ -221,10 +230,17 @@ class Match:
         """Goes on from a state; the match then replays exactly, whatever was played since.
 
         Args:
-            state: Of a match of this scenario.
+            state: Of a match of this scenario. The engine takes it as it is: one that was tampered
+                with can do to the process whatever it wants.
+
+        Raises:
+            ValueError: It is not the state of such a match, as far as can be seen.
+            TypeError: A value in it is of another type.
         """
+        check_field_types(state)
         # Which team is processed first, and who kicks off, is no part of the engine's state.
         self.reset(state.seed, state.episode_number)
+        self._check_engine_state(state.engine)
         self._engine.set_state(state.engine)
         self._engine.waiting_for_game_count = state.waiting_steps
         self._previous_score_difference = state.previous_score_difference
@@ -232,8 +248,20 @@ class Match:
         self._previous_ball_owned_team = state.previous_ball_owned_team
         self._read_info()
 
+    def _check_engine_state(self, state: bytes) -> None:
+        # The engine answers what it can't read by crashing the process.
+        fresh = self._engine.get_state("")
+        if not isinstance(state, bytes) or len(state) < _CONSTANT_PART.stop:
+            raise ValueError(f"The engine's state is {state!r:.40}; it must be that of a match.")
+        if len(state) > _LARGEST_STATE or state[_CONSTANT_PART] != fresh[_CONSTANT_PART]:
+            raise ValueError(
+                f"The engine's state is not that of a match of {self.scenario!r} with seed "
+                f"{self._episode[0]}."
+            )
+
     def _check_running(self, call: str) -> None:
         if not self._running:
+            self._check_open()
             raise RuntimeError(
                 f"The match of {self.scenario!r} is not running: call reset() before {call}, also "
                 "after an episode's end."

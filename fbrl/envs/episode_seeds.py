@@ -20,7 +20,8 @@ def check_seed(seed: Any) -> int:
     Raises:
         ValueError: It is not an integer in [0, 2**32 - 1].
     """
-    if not isinstance(seed, (int, np.integer)) or not 0 <= seed <= MAX_SEED:
+    is_integer = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
+    if not is_integer or not 0 <= seed <= MAX_SEED:
         raise ValueError(f"Seed {seed!r} is not an integer in [0, {MAX_SEED}].")
     return int(seed)
 
@@ -41,6 +42,9 @@ def spread_seed(seed: int | Sequence[int | None] | None, num_envs: int) -> list[
     if isinstance(seed, (int, np.integer)):
         children = np.random.SeedSequence(check_seed(seed)).spawn(num_envs)
         return [int(child.generate_state(1)[0]) for child in children]
+    is_list = isinstance(seed, (Sequence, np.ndarray)) and np.shape(seed) != ()  # type: ignore[arg-type]
+    if not is_list or isinstance(seed, str):
+        raise ValueError(f"Seed {seed!r} is neither an integer nor a list of {num_envs} integers.")
     if len(seed) != num_envs:
         raise ValueError(f"There are {len(seed)} seeds for {num_envs} matches.")
     return [None if one is None else check_seed(one) for one in seed]

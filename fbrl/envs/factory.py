@@ -15,8 +15,9 @@ from torchrl.envs import (
 )
 
 from fbrl.envs.episode_bookkeeping import EPISODE_LENGTH, EPISODE_PREFIX, EpisodeBookkeeping
+from fbrl.envs.episode_seeds import check_seed
 from fbrl.envs.football import ActionSet, FootballVectorEnv
-from fbrl.envs.observation import OBSERVATION_SPACE
+from fbrl.envs.observation import OBSERVATION_SPACE, select_space
 from fbrl.envs.torchrl_matches import FootballMatches
 from fbrl.names import check_name
 from fbrl.transforms import (
@@ -48,22 +49,33 @@ def make_reward(reward: str | ScoringReward, **options: Any) -> ScoringReward:
     """A reward transform from its name and options; a transform is returned as it is.
 
     Raises:
-        ValueError: There is no reward of this name.
+        UnknownNameError: There is no reward of this name.
+        TypeError: It is neither a name nor a reward, or has no such option.
     """
-    if not isinstance(reward, str):
-        return reward
-    return REWARDS[check_name("reward", reward, REWARDS)](**options)
+    if isinstance(reward, str):
+        return REWARDS[check_name("reward", reward, REWARDS)](**options)
+    if not isinstance(reward, ScoringReward):
+        raise TypeError(
+            f"The reward is {reward!r}; it must be a ScoringReward, or one of {', '.join(REWARDS)}."
+        )
+    return reward
 
 
 def make_observation(observation: str | Transform) -> Transform:
     """An observation transform from its name; a transform is returned as it is.
 
     Raises:
-        ValueError: There is no observation of this name.
+        UnknownNameError: There is no observation of this name.
+        TypeError: It is neither a name nor a transform.
     """
-    if not isinstance(observation, str):
-        return observation
-    return OBSERVATIONS[check_name("observation", observation, OBSERVATIONS)]()
+    if isinstance(observation, str):
+        return OBSERVATIONS[check_name("observation", observation, OBSERVATIONS)]()
+    if not isinstance(observation, Transform) or isinstance(observation, ScoringReward):
+        raise TypeError(
+            f"The observation is {observation!r}; it must be a Transform that writes one, or one "
+            f"of {', '.join(OBSERVATIONS)}."
+        )
+    return observation
 
 
 def make_env(
@@ -97,7 +109,8 @@ def make_env(
         ``play_statistics``.
 
     Raises:
-        ValueError: A name, or a key to keep, is unknown.
+        ValueError: A name, or a key to keep, is unknown, or a number is out of range.
+        TypeError: An argument is of another type.
         EngineNotInstalledError: gfootball is missing.
 
     Examples:
@@ -108,7 +121,9 @@ def make_env(
     reward_transform = make_reward(reward)
     transforms = [reward_transform, make_observation(observation), PlayStatistics()]
     raw_keys = _raw_keys(transforms)
-    kept = set(keep_keys)
+    kept = set(select_space(keep_keys))
+    if seed is not None:
+        check_seed(seed)
     matches = FootballVectorEnv(
         scenario, num_envs, num_threads, observation_keys=raw_keys | kept, action_set=action_set
     )
@@ -151,6 +166,8 @@ def make_collection_env(
     observation_transform = make_observation(observation)
     needed_later = _raw_keys([reward_transform, PlayStatistics()])
     needed_now = _raw_keys([observation_transform])
+    if seed is not None:
+        check_seed(seed)
     matches = FootballVectorEnv(
         scenario, num_envs, num_threads, observation_keys=needed_now | needed_later
     )

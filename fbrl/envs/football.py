@@ -15,6 +15,8 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from fbrl.counts import check_count
+from fbrl.envs.arguments import check_actions, check_mask, check_options
 from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS, Match, MatchState, StepResult
 from fbrl.envs.episode_seeds import EpisodeSeeds, check_seed, draw_seed, spread_seed
 from fbrl.envs.match_row import RowLayout
@@ -81,8 +83,9 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
             options: None are known.
 
         Raises:
-            ValueError: The seed is out of range.
+            ValueError: The seed is out of range, or there are options.
         """
+        check_options(options, ())
         engine_seed = None if seed is None else check_seed(seed)
         super().reset(seed=engine_seed)
         if engine_seed is None:
@@ -103,9 +106,9 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
 
         Raises:
             ValueError: The action is out of range.
-            RuntimeError: The episode has not begun or has ended.
+            RuntimeError: The episode has not begun or has ended, or the environment is closed.
         """
-        if not self.action_space.contains(action):
+        if not self.action_space.contains(action) or isinstance(action, bool):
             raise ValueError(f"Action {action!r} is not an integer in [0, {NUM_ACTIONS - 1}].")
         result = self._match.step(int(action))
         return self._observe(), float(result.reward), result.terminated, result.truncated, {}
@@ -135,7 +138,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
 
     Raises:
-        ValueError: ``num_envs`` or ``num_threads`` is not positive.
+        ValueError: ``num_envs`` or ``num_threads`` is not positive, or a key is unknown.
+        TypeError: One of these is no integer, or the keys are no list of names.
         UnknownNameError: There is no such scenario.
         EngineNotInstalledError: gfootball is missing.
 
@@ -157,12 +161,10 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         observation_keys: Iterable[str] | None = None,
         action_set: ActionSet = "default",
     ) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs is {num_envs}; at least 1 match is needed.")
-        if num_threads is not None and num_threads < 1:
-            raise ValueError(f"num_threads is {num_threads}; at least 1 thread is needed.")
+        self.num_envs = num_envs = check_count("num_envs", num_envs)
+        if num_threads is not None:
+            num_threads = check_count("num_threads", num_threads)
         self.scenario = check_scenario(scenario)
-        self.num_envs = num_envs
         # TorchRL's GymWrapper asks the instance, not its metadata.
         self.autoreset_mode = AutoresetMode.DISABLED
         self.single_observation_space: spaces.Dict = select_space(observation_keys)
@@ -197,9 +199,12 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
                 only the matches where it is true; the others are observed as they stand.
 
         Raises:
-            ValueError: A seed is out of range, or the mask or the seeds have another length.
+            ValueError: A seed is out of range, the mask or the seeds have another length, or there
+                are other options.
+            RuntimeError: The environment is closed.
         """
-        mask = self._check_mask((options or {}).get("reset_mask"))
+        self._check_open()
+        mask = check_mask(check_options(options, ("reset_mask",)).get("reset_mask"), self.num_envs)
         seeds = self._spread_seed(seed)
         chosen = np.flatnonzero(mask).tolist()
         self._threads.map(self._reset_match, chosen, [seeds[index] for index in chosen])
@@ -222,9 +227,10 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
         Raises:
             ValueError: The actions have another shape, dtype or range.
-            RuntimeError: A match has not begun or has ended.
+            RuntimeError: A match has not begun or has ended, or the environment is closed.
         """
-        actions = self._check_actions(actions)
+        self._check_open()
+        actions = check_actions(actions, self.num_envs, self._num_actions)
         self._check_running("step()")
         results = self._threads.map(self._step_match, range(self.num_envs), actions.tolist())
         return (
@@ -253,8 +259,15 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """Goes on from a state: all matches, and those after them, then replay exactly.
 
         Args:
-            states: Of as many matches of this scenario.
+            states: Of as many matches of this scenario, from a source that is trusted: see
+                :meth:`fbrl.envs.engine.Match.set_state`.
+
+        Raises:
+            ValueError: They are not, as far as can be seen.
         """
+        if not isinstance(states, Sequence) or len(states) != self.num_envs:
+            number = len(states) if isinstance(states, Sequence) else repr(states)
+            raise ValueError(f"There are states of {number} matches for {self.num_envs} matches.")
         self._threads.map(self._set_match_state, range(self.num_envs), states)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -290,10 +303,14 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
     def _set_match_state(self, index: int, state: Mapping[str, Any]) -> None:
         match = self._matches[index]
-        match.set_state(MatchState(**state["match"]))
-        match.read(self._rows[index], self._layout)
-        self._episodes[index].set_state(state["episodes"])
-        self._next_episodes.pop(index, None)
+        try:
+            match.set_state(MatchState(**state["match"]))
+            match.read(self._rows[index], self._layout)
+            self._episodes[index].set_state(state["episodes"])
+            self._next_episodes.pop(index, None)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise ValueError(f"State {index} is not that of a match ({reason}).") from error
 
     def _check_running(self, call: str) -> None:
         if self._next_episodes:
@@ -305,28 +322,9 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     def _spread_seed(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         return spread_seed(seed, self.num_envs)
 
-    def _check_mask(self, mask: Any) -> np.ndarray:
-        if mask is None:
-            return np.ones(self.num_envs, bool)
-        mask = np.asarray(mask)
-        if mask.shape != (self.num_envs,) or mask.dtype != bool:
-            raise ValueError(
-                f"reset_mask has shape {mask.shape} and dtype {mask.dtype}; it must be boolean "
-                f"of shape ({self.num_envs},)."
-            )
-        return mask
-
-    def _check_actions(self, actions: Any) -> np.ndarray:
-        actions = np.asarray(actions)
-        if actions.shape != (self.num_envs,) or not np.issubdtype(actions.dtype, np.integer):
-            raise ValueError(
-                f"Actions have shape {actions.shape} and dtype {actions.dtype}; they must be "
-                f"integers of shape ({self.num_envs},)."
-            )
-        largest = self._num_actions - 1
-        if actions.min() < 0 or actions.max() > largest:
-            raise ValueError(f"Actions {actions.tolist()} are not all in [0, {largest}].")
-        return actions
+    def _check_open(self) -> None:
+        if self.closed:
+            raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")
 
 
 def _describe_match(scenario: str, episodes: Sequence[EpisodeSeeds], index: int) -> str:

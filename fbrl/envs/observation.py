@@ -86,13 +86,14 @@ def select_space(keys: Iterable[str] | None) -> spaces.Dict:
 
     Raises:
         ValueError: A key is unknown.
+        TypeError: They are no list of keys.
     """
     if keys is None:
         return OBSERVATION_SPACE
-    wanted = set(keys)
-    unknown = wanted - set(OBSERVATION_SPACE)
+    if isinstance(keys, str) or not isinstance(keys, Iterable):
+        raise TypeError(f"The observation keys are {keys!r}; they must be a list of names.")
+    wanted, known = list(keys), list(OBSERVATION_SPACE)
+    unknown = [key for key in wanted if key not in known]
     if unknown:
-        raise ValueError(
-            f"Unknown observation keys {sorted(unknown)}; there are {list(OBSERVATION_SPACE)}."
-        )
+        raise ValueError(f"Unknown observation keys {sorted(unknown, key=str)}; there are {known}.")
     return spaces.Dict({key: space for key, space in OBSERVATION_SPACE.items() if key in wanted})

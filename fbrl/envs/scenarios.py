@@ -119,15 +119,19 @@ def check_scenario(name: str) -> str:
     Raises:
         UnknownNameError: There is none of this name.
     """
-    if name in SCENARIOS or _is_own_scenario(name):
+    if _exists(name):
         return name
     return check_name("scenario", name, SCENARIOS)
 
 
 def _check_scenario_or_group(name: str) -> str:
-    if name in SCENARIOS or _is_own_scenario(name):
+    if _exists(name):
         return name
     return check_name("scenario", name, [*SCENARIOS, *SCENARIO_GROUPS])
+
+
+def _exists(name: str) -> bool:
+    return isinstance(name, str) and (name in SCENARIOS or _is_own_scenario(name))
 
 
 def _is_own_scenario(name: str) -> bool:
@@ -135,7 +139,8 @@ def _is_own_scenario(name: str) -> bool:
     package = importlib.util.find_spec("gfootball")
     if package is None or not package.submodule_search_locations:
         return False
-    if not re.fullmatch(r"[^\W_]\w*(\.[^\W_]\w*)*", str(name)):
+    # No file system has longer names.
+    if len(name) > 200 or not re.fullmatch(r"[^\W_]\w*(\.[^\W_]\w*)*", name):
         return False
     folder = Path(package.submodule_search_locations[0]) / "scenarios"
     return folder.joinpath(*name.split(".")).with_suffix(".py").is_file()

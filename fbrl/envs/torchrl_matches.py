@@ -25,9 +25,14 @@ class FootballMatches(GymWrapper):
     """
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        observation, reward, terminated, truncated, _ = self._env.step(
-            tensordict.get("action").numpy()
-        )
+        action = tensordict.get("action", None)
+        if action is None:
+            raise KeyError(
+                "There is no 'action' in the tensordict that is stepped, which has "
+                f"{sorted(map(str, tensordict.keys()))}. A policy writes it, or "
+                "env.rand_action(tensordict)."
+            )
+        observation, reward, terminated, truncated, _ = self._env.step(action.numpy())
         arrays = {
             **observation,
             "reward": reward[:, None],

@@ -13,6 +13,7 @@ from torch.distributions import Categorical
 from torchrl.envs.utils import ExplorationType, exploration_type
 from torchrl.modules import ActorValueOperator, ProbabilisticActor, ValueOperator
 
+from fbrl.counts import check_count
 from fbrl.models.impala import ImpalaCNN
 from fbrl.models.mlp import MLP, Activation
 
@@ -118,7 +119,12 @@ class CollectionPolicy(TensorDictModuleBase):
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Adds ``action``, ``action_log_prob`` and ``state_value``."""
-        observation = tensordict.get(self.in_keys[0])
+        observation = tensordict.get(self.in_keys[0], None)
+        if observation is None:
+            raise KeyError(
+                f"The policy reads {self.in_keys[0]!r}, which is not in the tensordict: it has "
+                f"{sorted(map(str, tensordict.keys()))}. Give the environment its observation."
+            )
         hidden = self.trunk(observation.to(self.value_head.weight.device, non_blocking=True))
         logits = self.policy_head(hidden)
         # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
@@ -154,6 +160,10 @@ def build_actor_critic(
         activation: of the perceptron, ``"tanh"`` or ``"relu"``.
         device: where the parameters live.
 
+    Raises:
+        ValueError: A name is unknown or a size is less than 1.
+        TypeError: A size is no integer.
+
     Examples:
         >>> import torch
         >>> from tensordict import TensorDict
@@ -165,12 +175,11 @@ def build_actor_critic(
         >>> sum(p.numel() for p in build_actor_critic("minimap").parameters())
         396868
     """
-    if observation not in OBSERVATION_KEYS:
+    if observation not in list(OBSERVATION_KEYS):
         raise ValueError(
             f"observation is {observation!r}, but must be one of {tuple(OBSERVATION_KEYS)}."
         )
-    if num_actions < 1:
-        raise ValueError(f"num_actions is {num_actions}, but must be at least 1.")
+    num_actions = check_count("num_actions", num_actions)
     trunk: ImpalaCNN | MLP
     if observation == "simple115":
         trunk = MLP(115, hidden_sizes, activation, device)

@@ -50,6 +50,9 @@ def convolve_and_pool_cells(
     Returns:
         (batch, channels, 36, 48), with the channels innermost in memory.
 
+    Raises:
+        ValueError: A cell is beyond the grid's last one.
+
     Examples:
         >>> cells = torch.full((1, 4, 24), -1, dtype=torch.int16)
         >>> cells[0, 3, 22] = 36 * 96 + 48  # the ball in the centre, in the latest frame
@@ -57,6 +60,8 @@ def convolve_and_pool_cells(
         >>> pooled.shape, pooled[0, 0].nonzero().tolist()
         (torch.Size([1, 2, 36, 48]), [[17, 23], [17, 24], [18, 23], [18, 24]])
     """
+    if cells.numel() and (highest := int(cells.max())) >= NUM_CELLS:
+        raise ValueError(f"A cell is {highest}; cells must be in [-1, {NUM_CELLS - 1}].")
     pooled: torch.Tensor = _ConvolveAndPool.apply(cells, weight, bias)
     return pooled.view(-1, _POOLED_HEIGHT, _POOLED_WIDTH, len(bias)).permute(0, 3, 1, 2)
 

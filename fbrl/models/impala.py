@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import nn
 
+from fbrl.counts import check_count
 from fbrl.models.cell_convolution import convolve_and_pool_cells
 from fbrl.transforms.minimap_grid import (
     CELLS_PER_FRAME,
@@ -55,8 +56,8 @@ class ImpalaCNN(nn.Module):
         device: torch.device | str | None = None,
     ) -> None:
         super().__init__()
-        self.num_frames = num_frames
-        self.num_features = num_features
+        self.num_frames = num_frames = check_count("num_frames", num_frames)
+        self.num_features = num_features = check_count("num_features", num_features)
         channels = [num_frames * len(SMM_LAYERS), 16, 32, 32, 32]
         height, width = SMM_HEIGHT, SMM_WIDTH
         stages = []

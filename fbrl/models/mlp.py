@@ -9,6 +9,8 @@ from typing import Literal, get_args
 import torch
 from torch import nn
 
+from fbrl.counts import check_count
+
 __all__ = ["MLP", "Activation"]
 
 Activation = Literal["tanh", "relu"]
@@ -27,6 +29,10 @@ class MLP(nn.Sequential):
         activation: ``"tanh"`` or ``"relu"``.
         device: where the parameters live.
 
+    Raises:
+        ValueError: A size is less than 1, there is no layer, or the activation is unknown.
+        TypeError: A size is no integer.
+
     Examples:
         >>> import torch
         >>> MLP()(torch.zeros(5, 2, 115)).shape
@@ -40,15 +46,20 @@ class MLP(nn.Sequential):
         activation: Activation = "tanh",
         device: torch.device | str | None = None,
     ) -> None:
-        if activation not in _ACTIVATIONS:
+        if activation not in list(_ACTIVATIONS):
             raise ValueError(
                 f"activation is {activation!r}, but must be one of {get_args(Activation)}."
             )
-        if not hidden_sizes or min(hidden_sizes) < 1:
+        if isinstance(hidden_sizes, str) or not isinstance(hidden_sizes, Sequence):
+            raise TypeError(f"hidden_sizes is {hidden_sizes!r}; it must be a list of sizes.")
+        if not hidden_sizes:
             raise ValueError(
-                f"hidden_sizes is {hidden_sizes!r}, but must name at least one layer, each of "
-                f"size 1 or more, such as (256, 256)."
+                f"hidden_sizes is {hidden_sizes!r}, but must name at least one layer, such as "
+                f"(256, 256)."
             )
+        num_inputs = check_count("num_inputs", num_inputs)
+        for index, size in enumerate(hidden_sizes):
+            check_count(f"hidden_sizes[{index}]", size)
         layers: list[nn.Module] = []
         for num_in, num_out in pairwise([num_inputs, *hidden_sizes]):
             linear = nn.Linear(num_in, num_out, device=device)
@@ -56,4 +67,18 @@ class MLP(nn.Sequential):
             nn.init.zeros_(linear.bias)
             layers += [linear, _ACTIVATIONS[activation]()]
         super().__init__(*layers)
+        self.num_inputs = num_inputs
         self.num_features = hidden_sizes[-1]
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Maps (..., num_inputs) to (..., num_features).
+
+        Raises:
+            ValueError: The observation has another size or is not floating point.
+        """
+        if observation.shape[-1:] != (self.num_inputs,) or not observation.is_floating_point():
+            raise ValueError(
+                f"The observation is {observation.dtype} of shape {tuple(observation.shape)}; it "
+                f"must be floating point of shape (..., {self.num_inputs})."
+            )
+        return super().forward(observation)

@@ -11,6 +11,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from fbrl.counts import check_count
 from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
 from fbrl.transforms import PLAY_STATISTICS
 
@@ -87,10 +88,17 @@ class RecentMatches:
         return {"figures": torch.from_numpy(figures), "count": self._count}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Goes on from a state."""
+        """Goes on from a state.
+
+        Raises:
+            ValueError: The figures are others, or the count is none.
+        """
+        figures = state["figures"].numpy()
+        if figures.ndim != 2 or figures.shape[1] != len(self.names) - 1:
+            raise ValueError(f"figures of shape {figures.shape} for {len(self.names) - 1} names")
         self._figures.clear()
-        self._figures.extend(state["figures"].numpy())
-        self._count = state["count"]
+        self._figures.extend(figures)
+        self._count = check_count("count", state["count"], at_least=len(figures))
 
     def means(self) -> dict[str, float]:
         """The means by name, and how many matches have ended; nothing until one has.

@@ -51,7 +51,7 @@ def drop_rows(path: Path, past: int) -> None:
     if not path.exists():
         return
     lines = path.read_bytes().splitlines(keepends=True)
-    header = next(csv.reader([lines[0].decode(errors="replace")]), []) if lines else []
+    header = _values(lines[0]) if lines else []
     kept = [lines[0]] if header and lines[0].endswith(b"\n") and FRAMES in header else []
     if kept:
         place = header.index(FRAMES)
@@ -61,7 +61,16 @@ def drop_rows(path: Path, past: int) -> None:
 
 
 def _is_whole(line: bytes, num_columns: int, place: int, past: int) -> bool:
-    values = next(csv.reader(io.StringIO(line.decode(errors="replace"))), [])
+    values = _values(line)
     if len(values) != num_columns or not line.endswith(b"\n"):
         return False
-    return values[place].isdecimal() and int(values[place]) <= past
+    # Python reads no integers of thousands of digits.
+    frames = values[place]
+    return frames.isdecimal() and len(frames) < 20 and int(frames) <= past
+
+
+def _values(line: bytes) -> list[str]:
+    try:
+        return next(csv.reader(io.StringIO(line.decode(errors="replace"))), [])
+    except csv.Error:  # of a damaged line
+        return []

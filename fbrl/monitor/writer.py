@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from tensordict import TensorDictBase
 
+from fbrl.checkpoint import CheckpointError
 from fbrl.config import TrainConfig
 from fbrl.monitor.event_file import EventFile
 from fbrl.monitor.layout import chart_layout
@@ -56,6 +57,7 @@ class Monitor:
 
     Raises:
         OSError: Nothing can be written into the directory to begin with.
+        CheckpointError: The checkpoint is not that of such a training.
     """
 
     def __init__(
@@ -85,8 +87,15 @@ class Monitor:
 
     def _go_on(self, checkpoint: Mapping[str, Any]) -> None:
         frames, evaluated_at = checkpoint["frames"], checkpoint["evaluated_at"]
-        self._recent.load_state_dict(checkpoint["monitor"]["recent_matches"])
-        self._latest = checkpoint["monitor"]["latest"]
+        try:
+            self._recent.load_state_dict(checkpoint["monitor"]["recent_matches"])
+            self._latest = dict(checkpoint["monitor"]["latest"])
+            if not all(isinstance(value, (int, float)) for value in self._latest.values()):
+                raise ValueError("not all of the latest metrics are numbers")
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise CheckpointError(
+                f"The checkpoint has no means of the last matches ({error!r:.200})."
+            ) from error
         drop_rows(self._run_dir / "metrics.csv", past=frames)
         last_evaluation = -1 if evaluated_at is None else evaluated_at
         drop_rows(self._run_dir / "evaluations.csv", past=last_evaluation)

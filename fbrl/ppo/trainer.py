@@ -14,7 +14,7 @@ from pathlib import Path
 
 import torch
 
-from fbrl.agent import make_model, make_training_reward
+from fbrl.agent import keep_density, make_model, make_training_reward
 from fbrl.checkpoint import load_checkpoint
 from fbrl.config import ConfigError, TrainConfig, save_config
 from fbrl.crash_report import CrashReport, set_crash_report_aside
@@ -111,7 +111,7 @@ def train(
     device = choose_device(config.device)
     torch.manual_seed(config.seed)
     model = make_model(config, device)
-    reward = make_training_reward(config)
+    reward = make_training_reward(config, config.run_dir)
     load_gfootball()
     run_dir = existing_run_dir(config) if resume else make_run_dir(config)
     config = dataclasses.replace(config, run_dir=run_dir)
@@ -125,6 +125,7 @@ def train(
             crash = set_crash_report_aside(run_dir, crashes + 1)
             crashes += crash is not None
         save_config(config, run_dir / "config.json")
+        keep_density(reward, run_dir)
         crash_report = stack.enter_context(CrashReport(run_dir))
         frames = checkpoint["frames"] if checkpoint else None
         listener.on_start(run_dir, device, frames or 0)

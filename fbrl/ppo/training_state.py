@@ -109,7 +109,7 @@ class TrainingState:
                 self._begin_other_matches()
             else:
                 self._load_batch_start(state)
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             raise CheckpointError(
                 f"The checkpoint is not that of this training ({error!r:.200})."
             ) from error
@@ -118,6 +118,7 @@ class TrainingState:
         self.crashes = crashes_before(state)
         self.evaluated_at = state["evaluated_at"]
         self.best_goal_difference = state["best_goal_difference"]
+        self._check_next_step(state["next_step"])
         self.ppo.load_state_dict(state)
 
     def _begin_other_matches(self) -> None:
@@ -135,11 +136,35 @@ class TrainingState:
         if on_gpu is not None and self.ppo.device.type == "cuda":
             torch.cuda.set_rng_state(on_gpu, self.ppo.device)
 
+    def _check_next_step(self, next_step: Mapping[str, torch.Tensor]) -> None:
+        for key, spec in self._env.observation_spec.items(True, True):
+            entry = next_step[key]
+            if entry.shape != spec.shape or entry.dtype != spec.dtype:
+                raise ValueError(f"{key} is {entry.dtype} of shape {tuple(entry.shape)}")
+
+
+_KINDS: dict[str, Any] = {
+    "config": dict,
+    "frames": int,
+    "model": dict,
+    "optimizer": dict,
+    "next_step": dict,
+    "matches": list,
+    "random_numbers": dict,
+    "monitor": dict,
+    "evaluated_at": int | None,
+    "best_goal_difference": float | None,
+}
+"""What a training goes on from, and what each is."""
+
 
 def crashes_before(state: Mapping[str, Any]) -> int:
     """How often the training of a checkpoint had gone on after a crash."""
     # Before crashes were counted there was no such entry.
-    return state.get("crashes", 0)
+    crashes = state.get("crashes", 0)
+    if not isinstance(crashes, int) or crashes < 0:
+        raise CheckpointError(f"The checkpoint has {crashes!r:.80} as crashes.")
+    return crashes
 
 
 def check_resumable(state: Mapping[str, Any], config: TrainConfig) -> None:
@@ -159,6 +184,11 @@ def check_resumable(state: Mapping[str, Any], config: TrainConfig) -> None:
             "The checkpoint was written by an older version of fbrl, without the state of the "
             "matches: it can be evaluated and watched, but no training can go on from it."
         )
+    for name, kind in _KINDS.items():
+        if name not in state:
+            raise CheckpointError(f"The checkpoint has no {name}: no training can go on from it.")
+        if not isinstance(state[name], kind) or (name == "frames" and state[name] < 0):
+            raise CheckpointError(f"The checkpoint has {state[name]!r:.80} as {name}.")
     before, now = _flat(config_from_dict(state["config"])), _flat(config)
     for name in before.keys() - {"run_dir", *CHANGEABLE_ON_RESUME}:
         if before[name] != now[name]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
+import sys
 from collections.abc import Mapping
 from typing import Literal, get_args
 
@@ -78,6 +78,11 @@ class AssistDensityReward(ShapedReward):
             the environment lacks, which is then 0. With all of them ``None`` a single player has
             the ball all the time.
 
+    Raises:
+        ValueError: if an option is none of those allowed, or the density file is damaged.
+        TypeError: if an option is of another type.
+        FileNotFoundError: if there is no such density.
+
     Examples:
         >>> import torch
         >>> from tensordict import TensorDict
@@ -119,7 +124,7 @@ class AssistDensityReward(ShapedReward):
             )
         if isinstance(weight, bool) or not isinstance(weight, (int, float)):
             raise TypeError(f"weight is {weight!r}; expected a number.")
-        if not (math.isfinite(weight) and weight >= 0):
+        if not 0 <= weight <= sys.float_info.max:
             raise ValueError(f"weight is {weight!r}; expected a finite number of at least 0.")
         super().__init__(
             observations=("ball", "ball_owned_team", "ball_owned_player", "active", "game_mode"),

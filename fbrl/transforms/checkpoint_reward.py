@@ -45,6 +45,10 @@ class CheckpointReward(ShapedReward):
         keys: other names for these entries, by their usual name; ``None`` for an integer that the
             environment lacks, which is then 0.
 
+    Raises:
+        ValueError: if one of them is not an entry of this transform.
+        TypeError: if a name is neither a text nor a tuple.
+
     Examples:
         >>> import torch
         >>> from tensordict import TensorDict

@@ -15,6 +15,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Bounded, Composite
 from torchrl.envs import Transform
 
+from fbrl.counts import check_count
 from fbrl.transforms.minimap_grid import (
     ABSENT,
     CELLS_PER_FRAME,
@@ -51,8 +52,15 @@ class MiniMapCells(Transform):
     Args:
         num_frames: how many frames are stacked.
         in_keys: where to find ``left_team``, ``right_team``, ``ball``, ``active``,
-            ``left_team_roles`` and ``right_team_roles``, in this order. Positions must be finite.
+            ``left_team_roles`` and ``right_team_roles``, in this order.
         out_keys: where to write the cells.
+
+    Raises:
+        ValueError: if there are fewer frames than one, or more or fewer keys than these.
+        TypeError: if ``num_frames`` is no integer.
+
+    Who is at a NaN position is left out, as one who isn't there; an ``active`` that is no index of
+    the left team is an error on a CPU.
 
     Examples:
         >>> import torch
@@ -80,10 +88,10 @@ class MiniMapCells(Transform):
         in_keys: Sequence[NestedKey] | None = None,
         out_keys: Sequence[NestedKey] | None = None,
     ) -> None:
-        if num_frames < 1:
-            raise ValueError(f"num_frames is {num_frames}, but must be at least 1.")
+        num_frames = check_count("num_frames", num_frames)
         super().__init__(
-            in_keys=in_keys or list(_FIELDS), out_keys=out_keys or self._default_out_keys()
+            in_keys=list(_FIELDS) if in_keys is None else in_keys,
+            out_keys=self._default_out_keys() if out_keys is None else out_keys,
         )
         if len(self.in_keys) != len(_FIELDS) or len(self.out_keys) != len(self._default_out_keys()):
             raise ValueError(
@@ -104,6 +112,12 @@ class MiniMapCells(Transform):
                 f"{type(self).__name__}: the previous frames, {self.out_keys[0]!r}, are missing "
                 f"from the tensordict given to step(). Pass on what reset() returned, or what "
                 f"step_mdp() made of the last step, with the action added."
+            )
+        if stack.dtype != torch.int16 or stack.shape[-2:] != (self.num_frames, CELLS_PER_FRAME):
+            raise ValueError(
+                f"{type(self).__name__}: {self.out_keys[0]!r} of the step before is {stack.dtype} "
+                f"of shape {tuple(stack.shape)}, but must be torch.int16 of shape (*batch, "
+                f"{self.num_frames}, {CELLS_PER_FRAME})."
             )
         self._write(next_tensordict, _push(stack, self._frame(next_tensordict)))
         return next_tensordict

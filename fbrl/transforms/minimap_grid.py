@@ -40,8 +40,8 @@ def frame_cells(
     """Finds the cells that gfootball's ``generate_smm`` marks for one frame.
 
     Args:
-        left_team: positions, floating point of shape ``(*batch, 11, 2)``. They must be finite;
-            outside the grid they count as its nearest cell.
+        left_team: positions, floating point of shape ``(*batch, 11, 2)``. Outside the grid they
+            count as its nearest cell; who is at a NaN position isn't there.
         right_team: likewise.
         ball: its position, ``(*batch, 3)``.
         active: index of the active player in the left team, or -1 for none, ``(*batch,)``.
@@ -51,19 +51,29 @@ def frame_cells(
     Returns:
         int16 of shape ``(*batch, 24)``: the cells ``row * 96 + column`` of 11 left players, 11
         right players, the ball and the active player; -1 for those who aren't there.
+
+    Raises:
+        ValueError: if ``active`` is neither -1 nor an index of the left team. On a GPU it is an
+            error of the device.
     """
     low, extent, size, last = _grid(ball.device)
     points = torch.cat([left_team, right_team, ball[..., None, :2]], -2)
     # gfootball computes with Python's 64-bit floats; 32 bits round points onto the next cell.
     columns_rows = ((points.double() - low) / extent * size).clamp_(min=last.new_zeros(2), max=last)
-    columns_rows = columns_rows.to(torch.int16)
+    columns_rows = columns_rows.floor_()
     cells = torch.add(columns_rows[..., 0], columns_rows[..., 1], alpha=SMM_WIDTH)
+    cells = cells.nan_to_num_(nan=ABSENT).to(torch.int16)
     absent = torch.cat([left_team_roles, right_team_roles], -1) < 0
     cells[..., :22].masked_fill_(absent, ABSENT)
-    frame = torch.nn.functional.pad(cells, (0, 1), value=ABSENT)
-    # An active player of -1 reads the last entry, which is ABSENT.
-    frame[..., 23:] = frame.gather(-1, active.long().unsqueeze(-1) % CELLS_PER_FRAME)
-    return frame
+    # An active player of -1 reads the first entry.
+    candidates = torch.nn.functional.pad(cells[..., :11], (1, 0), value=ABSENT)
+    try:
+        active_cell = candidates.gather(-1, active.long().unsqueeze(-1) + 1)
+    except RuntimeError as error:
+        if "out of bounds" not in str(error):
+            raise
+        raise ValueError(f"active is {active.tolist()}; it must be in [-1, 10].") from error
+    return torch.cat([cells, active_cell], -1)
 
 
 def cells_to_planes(
@@ -79,6 +89,10 @@ def cells_to_planes(
     Returns:
         Planes of shape ``(*batch, frames * 4, 72, 96)``.
 
+    Raises:
+        ValueError: if they are of another shape or dtype. That they are in [-1, 6911] is not
+            checked, which would make a GPU wait.
+
     Examples:
         >>> cells = torch.full((2, 4, 24), -1, dtype=torch.int16)
         >>> cells[..., 23] = 95
@@ -86,6 +100,10 @@ def cells_to_planes(
         >>> planes.shape, planes[:, 3, 0, 95].tolist(), planes.sum().item()
         (torch.Size([2, 16, 72, 96]), [1.0, 1.0], 8.0)
     """
+    if not isinstance(cells, torch.Tensor):
+        raise ValueError(
+            f"cells_to_planes: cells are a {type(cells).__name__}, but must be a tensor."
+        )
     if cells.ndim < 2 or cells.shape[-1] != CELLS_PER_FRAME or cells.dtype != torch.int16:
         raise ValueError(
             f"cells_to_planes: cells are {cells.dtype} of shape {tuple(cells.shape)}, but must be "

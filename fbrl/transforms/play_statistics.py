@@ -109,13 +109,14 @@ class PlayStatistics(Transform):
         state.set("play_statistics", torch.zeros((*shape, len(PLAY_STATISTICS)), device=device))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        totals, memory = tensordict.get("play_statistics", None), tensordict.get("play_memory")
-        if totals is None:
+        totals, memory = self._before(tensordict)
+        scoring = next_tensordict.get("reward_scoring", None)
+        if scoring is None:
             raise KeyError(
-                "PlayStatistics found no 'play_statistics' in the tensordict that was stepped. "
-                "Step what env.reset() or the previous step returned, with that entry kept."
+                "PlayStatistics found no 'reward_scoring' in the step's result: put it after one "
+                "of fbrl's rewards, such as ScoringReward()."
             )
-        facts = self._facts(next_tensordict, next_tensordict.get("reward_scoring"))
+        facts = self._facts(next_tensordict, scoring)
         next_tensordict.set("play_statistics", totals + _happened(memory, facts))
         return next_tensordict.set("play_memory", _remember(memory, facts))
 
@@ -147,6 +148,24 @@ class PlayStatistics(Transform):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Totals are counted step by step in an environment; there is nothing to do here."""
         return tensordict
+
+    def _before(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
+        found = []
+        for key, numbers in (("play_statistics", len(PLAY_STATISTICS)), ("play_memory", 2)):
+            entry = tensordict.get(key, None)
+            if entry is None:
+                raise KeyError(
+                    f"PlayStatistics found no {key!r} in the tensordict that was stepped. Step "
+                    "what env.reset() or the previous step returned, with that entry kept."
+                )
+            if entry.shape[-1:] != (numbers,):
+                raise ValueError(
+                    f"{key!r} has shape {tuple(entry.shape)}; expected (..., {numbers}), as "
+                    "PlayStatistics writes it."
+                )
+            found.append(entry)
+        totals, memory = found
+        return totals, memory
 
     def _facts(self, tensordict: TensorDictBase, scoring: Tensor | None = None) -> Facts:
         """What a step led to, as far as it doesn't depend on earlier ones; each of shape (...)."""

@@ -56,6 +56,8 @@ def read_fields(
         ValueError: a tensor has another shape than the field of one match.
         TypeError: positions are not floating point, or indices are not integers.
     """
+    if not isinstance(tensordict, TensorDictBase):
+        raise TypeError(f"{reader} was given a {type(tensordict).__name__}; expected a TensorDict.")
     batch_dims = tensordict.batch_dims
     tensors = []
     for key, field in zip(keys, fields, strict=True):

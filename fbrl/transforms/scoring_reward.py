@@ -50,7 +50,12 @@ class ScoringReward(Transform):
         optional: Collection[str] = (),
     ) -> None:
         names = ["reward", "reward_scoring", "done", "terminated", *reads, *writes]
+        if keys is not None and not isinstance(keys, Mapping):
+            raise TypeError(f"keys is {keys!r}; expected a dictionary of new names by usual ones.")
         given = dict(keys or {})
+        for name, key in given.items():
+            if not isinstance(key, (str, tuple, type(None))):
+                raise TypeError(f"keys renames {name!r} to {key!r}; expected a text or a tuple.")
         unknown = [name for name in given if name not in names]
         if unknown:
             raise ValueError(
@@ -128,8 +133,11 @@ class ScoringReward(Transform):
         self.forward(batch)
 
     def _following(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if not isinstance(tensordict, TensorDictBase):
+            kind = type(tensordict).__name__
+            raise TypeError(f"{type(self).__name__} was given a {kind}; expected a TensorDict.")
         following = tensordict.get("next", None)
-        if following is None:
+        if not isinstance(following, TensorDictBase):
             raise KeyError(
                 f"{type(self).__name__} relabels transitions, but this tensordict has no 'next' "
                 f"entry (its keys: {sorted(map(str, tensordict.keys()))}). Inside an environment, "

@@ -116,6 +116,7 @@ class ShapedReward(ScoringReward):
         scoring = self._get(next_tensordict, "reward", "the step's result")
         observation = self._observe_result(next_tensordict, "the step's result")
         self._check_shapes(scoring, observation)
+        self._check_memory(memory, observation)
         self._write(next_tensordict, memory, observation, scoring)
         return next_tensordict
 
@@ -136,7 +137,9 @@ class ShapedReward(ScoringReward):
 
         Raises:
             KeyError: if an entry is missing.
-            ValueError: if the memory has to be worked out and the steps do not follow each other.
+            TypeError: if an entry is of another dtype.
+            ValueError: if an entry has another shape, or the memory has to be worked out and the
+                steps do not follow each other.
         """
         following = self._following(tensordict)
         scoring = self._stored_scoring(following)
@@ -147,6 +150,7 @@ class ShapedReward(ScoringReward):
             memory = self._recall(tensordict, following, observation, scoring)
             for name, value in memory.items():
                 tensordict.set(self._keys[name], value)
+        self._check_memory(memory, observation)
         self._write(following, memory, observation, scoring)
         return tensordict
 
@@ -207,6 +211,15 @@ class ShapedReward(ScoringReward):
                 f"{self._keys['ball']!r} has {tuple(observation['ball'].shape)}; expected a reward "
                 f"of shape {(*shape, 1)}."
             )
+
+    def _check_memory(self, memory: Memory, observation: Observation) -> None:
+        shape = observation["ball"].shape[:-1]
+        for name, value in memory.items():
+            if value.shape[: len(shape)] != shape:
+                raise ValueError(
+                    f"{self._keys[name]!r} has shape {tuple(value.shape)}; expected "
+                    f"{tuple(shape)}, as {type(self).__name__} writes it."
+                )
 
     def _observe(self, tensordict: TensorDictBase, where: str) -> Observation:
         ball = self._get(tensordict, "ball", where)

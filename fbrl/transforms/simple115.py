@@ -44,7 +44,8 @@ class Simple115(Transform):
     108:115  game mode, one-hot
     ======== ====================================================================
 
-    Players who aren't there keep the -1 that the raw observation pads them with.
+    Players who aren't there keep the -1 that the raw observation pads them with. A NaN stays one,
+    and a label that is none of those named leaves its columns zero.
 
     Args:
         in_keys: where to find ``left_team``, ``left_team_direction``, ``right_team``,
@@ -75,7 +76,10 @@ class Simple115(Transform):
         in_keys: Sequence[NestedKey] | None = None,
         out_keys: Sequence[NestedKey] | None = None,
     ) -> None:
-        super().__init__(in_keys=in_keys or list(_FIELDS), out_keys=out_keys or ["simple115"])
+        super().__init__(
+            in_keys=list(_FIELDS) if in_keys is None else in_keys,
+            out_keys=["simple115"] if out_keys is None else out_keys,
+        )
         if len(self.in_keys) != len(_FIELDS) or len(self.out_keys) != 1:
             raise ValueError(
                 f"Simple115: in_keys must name {len(_FIELDS)} keys for {_FIELDS}, in this order, "

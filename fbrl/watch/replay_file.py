@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from fbrl.array_file import read_arrays
 from fbrl.atomic_write import atomic_write
 from fbrl.density import AssistDensity, PositionDensity
 from fbrl.density.assist import DensityMetadata
@@ -21,6 +22,8 @@ from fbrl.watch.recording import RECORDED_KEYS, MatchRecording
 
 FORMAT = "fbrl-matches"
 FORMAT_VERSION = 1
+
+_LARGEST_CONTENT = 2**30
 
 
 class ReplayError(ValueError):
@@ -91,14 +94,13 @@ def load_replay(
     if not path.is_file():
         raise ReplayError(f"There is no file {path}.")
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in archive.files}
+        with path.open("rb") as file:
+            arrays = read_arrays(file, _LARGEST_CONTENT)
         header = json.loads(str(arrays["header"]))
         version = header["version"] if header["format"] == FORMAT else None
-    except Exception as error:  # zipfile, zlib, numpy and json raise a dozen kinds
-        raise ReplayError(
-            f"{path} holds no recorded matches, or is damaged ({type(error).__name__})."
-        ) from error
+    except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
+        reason = f"{type(error).__name__}: {error!s:.200}"
+        raise ReplayError(f"{path} holds no recorded matches, or is damaged ({reason}).") from error
     if not isinstance(version, int):
         raise ReplayError(f"{path} holds no recorded matches.")
     if version > FORMAT_VERSION:
@@ -111,7 +113,7 @@ def load_replay(
         if not matches:
             raise ValueError("no matches")
         return matches, _density(header["density"], arrays)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise ReplayError(f"{path} is damaged: {type(error).__name__}, {error}.") from error
 
 

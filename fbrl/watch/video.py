@@ -78,7 +78,8 @@ def write_video(
     path = check_video_path(path)
     is_gif = path.suffix.lower() == ".gif"
     # Next to the file, so that it is renamed within one file system.
-    with tempfile.TemporaryDirectory(prefix=".fbrl-video-", dir=path.parent) as folder:
+    # From the root, so that ffmpeg takes no name for an option or the address of a server.
+    with tempfile.TemporaryDirectory(prefix=".fbrl-video-", dir=path.parent.resolve()) as folder:
         result = Path(folder, "video.mp4")
         count = _encode(result, frames, fps, _LOSSLESS if is_gif else _H264)
         if is_gif:

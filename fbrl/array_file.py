@@ -1,0 +1,38 @@
+"""Arrays from ``.npz`` files that may be damaged, or come from a stranger."""
+
+from __future__ import annotations
+
+import zipfile
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class ArrayFileError(ValueError):
+    """Raised for a file that holds no arrays, is damaged, or would fill the memory."""
+
+
+def read_arrays(file: IO[bytes], largest: int) -> dict[str, NDArray[Any]]:
+    """Reads all arrays of a ``.npz`` file. Runs no code from the file: pickles are refused.
+
+    Args:
+        file: Opened for reading.
+        largest: How many bytes the arrays may have. A file that a few kilobytes of zeros unpack to
+            gigabytes from is refused before it is unpacked.
+
+    Raises:
+        ArrayFileError: It can't be read, is no such file, is damaged, or is larger.
+    """
+    try:
+        with zipfile.ZipFile(file) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > largest:
+            raise ArrayFileError(f"it unpacks to {size:,} bytes, more than {largest:,}")
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except ArrayFileError:
+        raise
+    except Exception as error:  # zipfile, zlib and numpy raise a dozen kinds for damaged files
+        raise ArrayFileError(f"{type(error).__name__}: {error}") from error
