@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -56,13 +57,20 @@ def make_training_reward(config: TrainConfig, run_dir: Path | None = None) -> Sc
     Raises:
         ConfigError: Its density can't be read.
     """
-    if config.reward != "analytics":
-        return make_reward(config.reward)
     density: str | Path | None = config.density
     if run_dir is not None and (run_dir / DENSITY_NAME).is_file():
         density = run_dir / DENSITY_NAME
+    options: dict[str, Any] = {}
+    if config.reward == "analytics":
+        options = {
+            "density": density,
+            "transition": config.transition,
+            "episode_cap": config.episode_cap,
+        }
+    elif config.reward == "potential":
+        options = {"density": density, "gamma": config.ppo.gamma}
     try:
-        return make_reward(config.reward, density=density, transition=config.transition)
+        return make_reward(config.reward, **options)
     except (ValueError, OSError) as error:
         raise ConfigError(str(error)) from error
 

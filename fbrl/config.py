@@ -15,10 +15,15 @@ from fbrl.envs.scenarios import SCENARIOS, check_scenario
 from fbrl.field_types import FieldTypeError, check_field_types
 from fbrl.names import check_name
 
-REWARD_NAMES = ("analytics", "checkpoints", "scoring")
+REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")
 OBSERVATION_NAMES = ("minimap", "smm", "simple115")
 TRANSITION_NAMES = ("possession", "consecutive")
 ACTIVATION_NAMES = ("relu", "tanh")
+_REWARD_OPTIONS = {
+    "density": ("analytics", "potential"),
+    "transition": ("analytics",),
+    "episode_cap": ("analytics",),
+}
 CHANGEABLE_ON_RESUME = (
     "total_frames",
     "device",
@@ -133,16 +138,21 @@ class TrainConfig:
 
     reward: str = "analytics"
     """What is maximised: analytics (goals, and having the ball where real assists are made),
+    potential (the same densities as a potential, which leaves the best policy that of goals),
     checkpoints (gfootball's ten rewards on the way to the goal) or scoring (goals alone)."""
 
     density: str | None = None
-    """For the analytics reward: file of the assist densities (see fbrl-density fit), or uniform,
-    mirrored or shuffled, the controls; by default those that fbrl ships."""
+    """For the rewards analytics and potential: file of the assist densities (see fbrl-density fit),
+    or uniform, mirrored or shuffled, the controls; by default those that fbrl ships."""
 
     transition: str = "possession"
     """For the analytics reward: what counts as a received pass, possession (the last controlled
     player with the ball was another one) or consecutive (the controlled player changed in this
     very step)."""
+
+    episode_cap: float | None = None
+    """For the analytics reward: what the densities can pay in one match at most, in goals; by
+    default there is no limit."""
 
     observation: str = "simple115"
     """What the agent sees: simple115 (115 numbers), minimap (four stacked mini maps as cell
@@ -218,12 +228,15 @@ class TrainConfig:
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
         for name in ("checkpoint_keep_interval", "hang_timeout", "eval_episodes", "eval_interval"):
             _check(self, name, getattr(self, name) >= 0, "at least 0")
-        for name in ("density", "transition"):
+        cap = self.episode_cap
+        is_possible = cap is None or (math.isfinite(cap) and cap >= 0)
+        _check(self, "episode_cap", is_possible, "a number of at least 0")
+        for name, users in _REWARD_OPTIONS.items():
             value, default = getattr(self, name), getattr(type(self), name)
-            if self.reward != "analytics" and value != default:
+            if self.reward not in users and value != default:
                 raise ConfigError(
-                    f"{name} ({value}) is only used by the analytics reward, and the reward is "
-                    f"{self.reward}. Leave one of the two out."
+                    f"{name} ({value!s:.100}) is only used by the {' or the '.join(users)} reward, and "
+                    f"the reward is {self.reward}. Leave one of the two out."
                 )
         self.ppo.check()
 

@@ -617,6 +617,99 @@ class TestRelabelling:
         assert relabelled["next", "last_ball_carrier"].shape == collected.shape
 
 
+def capped_by_hand(data: TensorDictBase, cap: float) -> dict[str, torch.Tensor]:
+    """The parts of a reward with a cap, from those without; rows begin with an episode."""
+    parts: dict[str, list[float]] = {part: [] for part in PARTS[1:]}
+    for row in rows_of(data):
+        for episode in episodes_of(row):
+            left = cap
+            for step in episode["next"].unbind(0):
+                due = sum(float(step[part]) for part in parts)
+                share = min(due, left) / due if due else 0.0
+                left = max(0.0, left - due)
+                for part, values in parts.items():
+                    values.append(share * float(step[part]))
+    shape = data["next", "reward"].shape
+    return {part: torch.tensor(values).reshape(shape) for part, values in parts.items()}
+
+
+class TestEpisodeCap:
+    CAP = 0.01
+
+    def reward(self, **options: Any) -> AssistDensityReward:
+        return AssistDensityReward(**{"weight": 100.0, "episode_cap": self.CAP, **options})
+
+    @pytest.mark.parametrize("transition", TRANSITIONS)
+    @given(played=st.lists(episodes(), min_size=1, max_size=4))
+    @settings(deadline=None, max_examples=25)
+    def test_any_match(self, played, transition):
+        plain = AssistDensityReward(transition=transition)(stored_trajectory(played))
+        cap = 0.5 * float((plain["next", "reward"] - plain["next", "reward_scoring"]).sum())
+        data = AssistDensityReward(transition=transition, episode_cap=cap)(
+            stored_trajectory(played)
+        )
+        assert torch.equal(data["next", "reward_scoring"], plain["next", "reward_scoring"])
+        for episode, whole in zip(episodes_of(data), episodes_of(plain), strict=True):
+            paid, due = (
+                each["next", "reward_start_density"] + each["next", "reward_end_density"]
+                for each in (episode, whole)
+            )
+            expected = due.double().cumsum(0).clamp_max(cap)
+            torch.testing.assert_close(paid.double().cumsum(0), expected, atol=1e-7, rtol=1e-6)
+
+    @pytest.mark.parametrize("make", ARRANGEMENTS)
+    def test_stored_rollouts_of_any_arrangement(self, make):
+        stored = as_recorded_without(make("possession").rollout(90, break_when_any_done=False))
+        uncapped = AssistDensityReward(weight=100.0)(stored.clone())
+        data = self.reward()(stored)
+        capped = capped_by_hand(uncapped, self.CAP)
+        for part, values in capped.items():
+            torch.testing.assert_close(data["next", part], values, atol=1e-8, rtol=1e-5)
+        torch.testing.assert_close(
+            data["next", "reward"], data["next", "reward_scoring"] + sum(capped.values())
+        )
+        assert not torch.equal(data["next", "reward"], uncapped["next", "reward"]), "nothing capped"
+
+    def test_in_an_environment_as_on_stored_data(self):
+        env = TransformedEnv(ScriptedMatches(), self.reward())
+        check_env_specs(env, break_when_any_done="both")
+        data = env.rollout(80, break_when_any_done=False)
+        assert data["next", "density_paid"].max() == pytest.approx(self.CAP)
+        for row in rows_of(data):
+            for episode in episodes_of(row):
+                paid = episode["next", "reward"] - episode["next", "reward_scoring"]
+                assert float(paid.sum()) <= self.CAP + 1e-6
+        stored = as_recorded_without(data).exclude("density_paid", ("next", "density_paid"))
+        once = self.reward()(stored)
+        assert (once == data).all()
+        assert (self.reward()(once.clone()) == data).all()
+
+    def test_far_from_the_cap_nothing_changes(self):
+        collected = scripted("possession").rollout(80, break_when_any_done=False)
+        capped = AssistDensityReward(episode_cap=1e6)(as_recorded_without(collected))
+        for part in ("reward", *PARTS):
+            assert torch.equal(capped["next", part], collected["next", part])
+
+    def test_a_cap_of_0_leaves_goals(self):
+        collected = scripted("possession").rollout(80, break_when_any_done=False)
+        capped = AssistDensityReward(episode_cap=0)(collected.clone())
+        assert torch.equal(capped["next", "reward"], collected["next", "reward_scoring"])
+
+    def test_what_another_reward_has_paid_is_not_believed(self):
+        played = TransformedEnv(ScriptedMatches(), self.reward()).rollout(
+            80, break_when_any_done=False
+        )
+        changed = self.reward(weight=1.0)(played.clone())
+        anew = self.reward(weight=1.0)(
+            as_recorded_without(played).exclude("density_paid", ("next", "density_paid"))
+        )
+        assert (changed == anew).all()
+        with pytest.raises(ValueError, match=r"a memory that depends on the reward.*consecutive"):
+            self.reward()(played.reshape(-1)[torch.randperm(240)])
+        with pytest.raises(KeyError, match="a single transition cannot be relabelled"):
+            self.reward()(played[0, 0])
+
+
 def one_step(**changes: Any) -> TensorDict:
     data = stored_trajectory([(A_HAS_IT, [(B_HAS_IT, 0.0)])])
     for key, value in changes.items():
@@ -683,6 +776,8 @@ class TestErrors:
             ({"weight": -1.0}, ValueError, "weight is -1.0"),
             ({"weight": float("nan")}, ValueError, "weight is nan"),
             ({"weight": "1"}, TypeError, "weight is '1'"),
+            ({"episode_cap": -1}, ValueError, "episode_cap is -1"),
+            ({"episode_cap": True}, TypeError, "episode_cap is True"),
             ({"density": 3}, TypeError, "density is a int.*AssistDensity"),
             ({"density": "nowhere.npz"}, FileNotFoundError, "nowhere.npz"),
             ({"keys": {"bal": "ball"}}, ValueError, r"keys renames \['bal'\].*it knows.*'ball'"),

@@ -123,6 +123,16 @@ def test_impossible_hyperparameters_are_named(changes, message):
         ({"checkpoint_interval": 0}, "checkpoint_interval is 0"),
         ({"activation": "swish"}, "no activation 'swish'"),
         ({"transition": "possesion"}, "Did you mean possession"),
+        ({"episode_cap": -0.5}, "episode_cap is -0.5"),
+        ({"episode_cap": float("inf")}, "episode_cap is inf"),
+        (
+            {"reward": "potential", "episode_cap": 0.5},
+            "episode_cap (0.5) is only used by the analytics reward, and the reward is potential",
+        ),
+        (
+            {"reward": "scoring", "density": "uniform"},
+            "density (uniform) is only used by the analytics or the potential reward",
+        ),
     ],
 )
 def test_impossible_settings_are_named(changes, message):

@@ -9,6 +9,7 @@ from fbrl.collect import RolloutCollector
 from fbrl.envs import OBSERVATION_SPACE, make_env
 from fbrl.envs.factory import make_collection_env
 from fbrl.models.actor_critic import build_actor_critic
+from fbrl.transforms import AssistDensityPotential, AssistDensityReward
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 
@@ -25,13 +26,19 @@ def collected(env, bookkeeping, observation, num_batches):
 
 @pytest.mark.parametrize(
     ("reward", "observation"),
-    [("analytics", "simple115"), ("checkpoints", "minimap"), ("scoring", "simple115")],
+    [
+        ("analytics", "simple115"),
+        ("checkpoints", "minimap"),
+        ("scoring", "simple115"),
+        (AssistDensityPotential(gamma=0.9), "simple115"),
+        (AssistDensityReward(episode_cap=0.005), "simple115"),
+    ],
 )
 def test_a_batch_has_the_numbers_of_single_steps(reward, observation):
-    arguments = {"num_envs": 3, "reward": reward, "observation": observation, "seed": 5}
-    env, bookkeeping = make_collection_env(SCENARIO, **arguments)
+    arguments = {"num_envs": 3, "observation": observation, "seed": 5}
+    env, bookkeeping = make_collection_env(SCENARIO, reward=reward, **arguments)
     batches = collected(env, bookkeeping, observation, 4)
-    expected = collected(make_env(SCENARIO, **arguments), None, observation, 4)
+    expected = collected(make_env(SCENARIO, reward=reward, **arguments), None, observation, 4)
 
     ends = torch.cat([batch["next", "done"] for batch in batches], 1)
     assert ends.sum() >= 3, "matches end, also in the middle of batches"

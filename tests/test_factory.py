@@ -7,10 +7,11 @@ import torch
 from torchrl.envs.utils import check_env_specs
 
 from fbrl.envs import OBSERVATION_SPACE, make_env
-from fbrl.transforms import AssistDensityReward, MiniMapCells
+from fbrl.transforms import AssistDensityPotential, AssistDensityReward, MiniMapCells
 
 PARTS = {
     "analytics": ["reward_scoring", "reward_start_density", "reward_end_density"],
+    "potential": ["reward_scoring", "reward_potential"],
     "checkpoints": ["reward_scoring", "reward_checkpoint"],
     "scoring": ["reward_scoring"],
 }
@@ -23,7 +24,7 @@ def test_any_observation_goes_with_any_reward(observation, reward):
     env = make_env(
         "academy_3_vs_1_with_keeper",
         num_envs=2,
-        reward=reward,
+        reward=AssistDensityPotential(gamma=0.9) if reward == "potential" else reward,
         observation=observation,
         seed=0,
     )

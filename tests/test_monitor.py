@@ -228,6 +228,7 @@ def test_every_chart_of_the_layout_shows_documented_names(tmp_path):
     assert unseen == {
         "match/count",
         "reward/checkpoint",
+        "reward/potential",
         "evaluation/matches",
         "evaluation/seconds",
     }

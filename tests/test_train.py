@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import json
 import math
 import os
@@ -81,7 +82,7 @@ def test_it_prints_what_a_user_needs_and_nothing_on_stderr(run):
 def test_tensorboard_reads_every_documented_name(run):
     run_dir, _ = run
     scalars = events(run_dir)
-    assert set(SCALARS) - {"reward/checkpoint"} == set(scalars)
+    assert set(SCALARS) - {"reward/checkpoint", "reward/potential"} == set(scalars)
     frames = [512, 1024]
     for name, values in scalars.items():
         steps = [0, 512, 1024] if name.startswith("evaluation/") else frames
@@ -161,8 +162,15 @@ def test_another_seed_gives_another_training(run, run_program, tmp_path):
     assert without_time(rows(tmp_path / "b")) != without_time(rows(run_dir))
 
 
-@pytest.mark.parametrize("reward", ["analytics", "checkpoints", "scoring"])
-@pytest.mark.parametrize("observation", ["simple115", "minimap", "smm"])
+@pytest.mark.parametrize(
+    ("reward", "observation"),
+    [
+        *itertools.product(
+            ("analytics", "checkpoints", "scoring"), ("simple115", "minimap", "smm")
+        ),
+        ("potential", "simple115"),
+    ],
+)
 def test_any_observation_goes_with_any_reward(reward, observation, tmp_path):
     from fbrl.cli import train as command
 
@@ -173,7 +181,11 @@ def test_any_observation_goes_with_any_reward(reward, observation, tmp_path):
         command.main([*arguments, *sizes, *options])
     assert end.value.code == 0
     names = set(rows(tmp_path / "run")[0])
-    part = {"analytics": "reward/end_density", "checkpoints": "reward/checkpoint"}.get(reward)
+    part = {
+        "analytics": "reward/end_density",
+        "potential": "reward/potential",
+        "checkpoints": "reward/checkpoint",
+    }.get(reward)
     assert part is None or part in names
     assert {"reward/scoring", "reward/total"} <= names
 
@@ -235,12 +247,17 @@ BAD_USAGE = {
     ),
     "no such device": ([SCENARIO, "--device", "tpu"], "'tpu'"),
     "no such density": ([SCENARIO, "--density", "nowhere.npz"], "nowhere.npz"),
+    "negative cap": ([SCENARIO, "--episode-cap", "-1"], "episode_cap is -1.0; it must be a number"),
+    "useless cap": (
+        [SCENARIO, "--reward", "potential", "--episode-cap", "1"],
+        "episode_cap (1.0) is only used by the analytics reward",
+    ),
     "useless transition": (
         [SCENARIO, "--reward", "scoring", "--transition", "consecutive"],
         "transition (consecutive) is only used by the analytics reward",
     ),
     "one argument too many": ([SCENARIO, "again"], "error: Unrecognized options: again"),
-    "useless density": ([SCENARIO, "--reward", "scoring", "--density", "a"], "analytics reward"),
+    "useless density": ([SCENARIO, "--reward", "scoring", "--density", "a"], "or the potential"),
 }
 
 

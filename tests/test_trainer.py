@@ -14,7 +14,7 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from fbrl.agent import make_model
+from fbrl.agent import make_model, make_training_reward
 from fbrl.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from fbrl.cli.train import parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
@@ -85,6 +85,16 @@ def test_settings_reach_the_environment_and_the_reward(config, monkeypatch):
     assert made["reward"].transition == "consecutive"
     assert (made["num_threads"], made["num_envs"]) == (1, 2)
     assert made["observation"] == "minimap"
+
+
+def test_the_options_of_a_reward_come_from_the_configuration(config):
+    ppo = dataclasses.replace(config.ppo, gamma=0.875)
+    potential = dataclasses.replace(config, reward="potential", density="uniform", ppo=ppo)
+    transform = make_training_reward(potential)
+    assert transform.gamma == 0.875, "the discount that the agent is trained with"
+    assert transform.density.end.grid.min() == 1, "the uniform density"
+    capped = make_training_reward(dataclasses.replace(config, episode_cap=0.25))
+    assert (capped.episode_cap, capped.transition) == (0.25, "possession")
 
 
 def test_the_evaluation_plays_other_matches_than_the_training(config, monkeypatch):

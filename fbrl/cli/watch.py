@@ -225,7 +225,7 @@ def _matches(
         if options.view != "2d":
             load_gfootball()
         return load_replay(options.replay)
-    from fbrl.transforms import AssistDensityReward
+    from fbrl.transforms import AssistDensityPotential, AssistDensityReward
     from fbrl.watch.recording import record_matches
 
     player = _player(options)
@@ -238,7 +238,8 @@ def _matches(
         greedy=options.mode == "greedy",
         on_progress=display.playing,
     )
-    return matches, reward.density if isinstance(reward, AssistDensityReward) else None
+    has_densities = isinstance(reward, (AssistDensityReward, AssistDensityPotential))
+    return matches, reward.density if has_densities else None
 
 
 def _player(options: argparse.Namespace) -> dict[str, Any]:

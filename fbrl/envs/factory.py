@@ -21,6 +21,7 @@ from fbrl.envs.observation import OBSERVATION_SPACE, select_space
 from fbrl.envs.torchrl_matches import FootballMatches
 from fbrl.names import check_name
 from fbrl.transforms import (
+    AssistDensityPotential,
     AssistDensityReward,
     CheckpointReward,
     MiniMapCells,
@@ -32,10 +33,12 @@ from fbrl.transforms import (
 
 REWARDS: Mapping[str, Callable[..., ScoringReward]] = {
     "analytics": AssistDensityReward,
+    "potential": AssistDensityPotential,
     "checkpoints": CheckpointReward,
     "scoring": ScoringReward,
 }
-"""The rewards by name: the thesis's density reward, gfootball's checkpoints, goals alone."""
+"""The rewards by name: the thesis's density reward, its potential-based sibling (which takes the
+training's ``gamma``), gfootball's checkpoints, goals alone."""
 
 OBSERVATIONS: Mapping[str, Callable[[], Transform]] = {
     "minimap": MiniMapCells,
@@ -95,7 +98,8 @@ def make_env(
         scenario: A name in :data:`fbrl.envs.SCENARIOS`.
         num_envs: Number of matches, the batch size of the environment.
         reward: ``"analytics"``, ``"checkpoints"``, ``"scoring"``, or a transform of that family,
-            such as ``AssistDensityReward(transition="consecutive")``.
+            such as ``AssistDensityReward(transition="consecutive")`` or
+            ``AssistDensityPotential(gamma=0.993)``.
         observation: ``"minimap"``, ``"smm"``, ``"simple115"``, or a transform.
         num_threads: Threads that step the matches; one for each available core by default.
         action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.

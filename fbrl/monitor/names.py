@@ -22,6 +22,7 @@ SCALARS: Mapping[str, str] = {
     "reward/scoring": "its part from goals",
     "reward/start_density": "its part from where assists start (analytics)",
     "reward/end_density": "its part from where assists end (analytics)",
+    "reward/potential": "its part from the change of the potential, without discount (potential)",
     "reward/checkpoint": "its part from checkpoints (checkpoints)",
     "play/possession_share": "steps with the ball over those in which either team had it, mean of "
     "those of the last 100 matches in which anybody had it",

@@ -11,7 +11,7 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from fbrl.density import AssistDensity
-from fbrl.transforms import AssistDensityReward, ScoringReward
+from fbrl.transforms import AssistDensityPotential, AssistDensityReward, ScoringReward
 from fbrl.watch.recording import MatchRecording
 
 _PACKAGES = ("mplsoccer", "imageio", "imageio_ffmpeg", "cv2")
@@ -38,7 +38,8 @@ class MatchPictures:
     """
 
     def __init__(self, reward: ScoringReward) -> None:
-        self._paid = reward.density if isinstance(reward, AssistDensityReward) else None
+        has_densities = isinstance(reward, (AssistDensityReward, AssistDensityPotential))
+        self._paid = reward.density if has_densities else None
 
     def positions(self, positions: ArrayLike) -> bytes:
         """A PNG of the ball's positions, (n, 2) in pitch units, beside the densities."""

@@ -1,19 +1,23 @@
 """TorchRL transforms for rewards and observations; usable without gfootball installed."""
 
+from fbrl.transforms.assist_potential import AssistDensityPotential
 from fbrl.transforms.assist_reward import AssistDensityReward
 from fbrl.transforms.checkpoint_reward import CheckpointReward
 from fbrl.transforms.minimap import MiniMapCells, SuperMiniMap
 from fbrl.transforms.play_statistics import PLAY_STATISTICS, PlayStatistics
 from fbrl.transforms.scoring_reward import ScoringReward
+from fbrl.transforms.shaped_reward import ShapedReward
 from fbrl.transforms.simple115 import Simple115
 
 __all__ = [
     "PLAY_STATISTICS",
+    "AssistDensityPotential",
     "AssistDensityReward",
     "CheckpointReward",
     "MiniMapCells",
     "PlayStatistics",
     "ScoringReward",
+    "ShapedReward",
     "Simple115",
     "SuperMiniMap",
 ]

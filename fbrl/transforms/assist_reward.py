@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping
 from typing import Literal, get_args
 
@@ -11,9 +10,10 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from fbrl.density import AssistDensity, open_density
+from fbrl.density import AssistDensity
 from fbrl.transforms.along_time import Memory
 from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
+from fbrl.transforms.reward_arguments import check_number, density_from
 from fbrl.transforms.shaped_reward import ShapedReward
 
 Transition = Literal["possession", "consecutive"]
@@ -66,7 +66,10 @@ class AssistDensityReward(ShapedReward):
 
     .. warning:: The reward can be farmed. Holding the ball at the start density's peak is worth
         0.134 discounted (gamma 0.993), and a pass back and forth every 20 steps 0.76 goals. Judge
-        agents by goals, not by this return.
+        agents by goals, not by this return. Answers to it: a small ``weight``; an ``episode_cap``,
+        after which only goals pay (what is left of it is not observed, so that the critic can't
+        know when it ends); and :class:`~fbrl.transforms.AssistDensityPotential`, which pays as much
+        back as it pays out and so leaves the best policy as it is.
 
     Args:
         density: the densities, the path of a file that holds them, or a name that
@@ -74,6 +77,11 @@ class AssistDensityReward(ShapedReward):
             (:meth:`fbrl.density.AssistDensity.default`).
         transition: the reading of ``transition(s, s')``.
         weight: factor of both densities, at least 0.
+        episode_cap: what both densities' rewards of an episode sum up to at most, without
+            discount, in goals; at least 0, by default no limit. The step that would exceed it is
+            paid in part, in equal shares, and later ones not at all; scoring is never touched. The
+            sum so far is then an entry ``density_paid`` (...) float32, at the root and under
+            ``"next"``, and only whole trajectories can be relabelled.
         keys: other names for the entries above, by their usual name; ``None`` for an integer that
             the environment lacks, which is then 0. With all of them ``None`` a single player has
             the ball all the time.
@@ -116,37 +124,55 @@ class AssistDensityReward(ShapedReward):
         *,
         transition: Transition = "possession",
         weight: float = 1.0,
+        episode_cap: float | None = None,
         keys: Mapping[str, NestedKey | None] | None = None,
     ) -> None:
         if transition not in get_args(Transition):
             raise ValueError(
                 f"transition is {transition!r}; expected one of {get_args(Transition)}."
             )
-        if isinstance(weight, bool) or not isinstance(weight, (int, float)):
-            raise TypeError(f"weight is {weight!r}; expected a number.")
-        if not 0 <= weight <= sys.float_info.max:
-            raise ValueError(f"weight is {weight!r}; expected a finite number of at least 0.")
+        carrier = "last_ball_carrier" if transition == "possession" else "last_active"
         super().__init__(
             observations=("ball", "ball_owned_team", "ball_owned_player", "active", "game_mode"),
             parts=("reward_start_density", "reward_end_density"),
-            memory=("last_ball_carrier" if transition == "possession" else "last_active",),
+            memory=(carrier,) if episode_cap is None else (carrier, "density_paid"),
             keys=keys,
         )
         self.density = density_from(density)
         self.transition = transition
-        self.weight = float(weight)
+        self.weight = check_number("weight", weight)
+        self.episode_cap = None if episode_cap is None else check_number("episode_cap", episode_cap)
+        self._carrier = carrier
+        # What was paid by another density, weight or cap tells nothing about this one.
+        self._stored_memory_is_valid = episode_cap is None
 
     def _first_memory(self, observation: Observation) -> Memory:
-        nobody = torch.full_like(observation["active"], NOBODY)
-        return self._remember(dict.fromkeys(self._memory, nobody), observation, nobody)
+        active = observation["active"]
+        nobody = torch.full_like(active, NOBODY)
+        first = self._remember({self._carrier: nobody}, observation, nobody)
+        if self.episode_cap is not None:
+            first["density_paid"] = torch.zeros_like(active, dtype=torch.float32)
+        return first
 
     def _remember(self, memory: Memory, observation: Observation, scoring: Tensor) -> Memory:
         active = observation["active"]
         if self.transition == "consecutive":
-            return {"last_active": active.clone()}
+            return {self._carrier: active.clone()}
         control, lost = in_control(observation), ball_lost(observation)
-        carrier = last_carrier(memory["last_ball_carrier"], active, control, lost)
-        return {"last_ball_carrier": carrier}
+        return {self._carrier: last_carrier(memory[self._carrier], active, control, lost)}
+
+    def _advance(
+        self, memory: Memory, observation: Observation, scoring: Tensor
+    ) -> tuple[Memory, tuple[Tensor, ...]]:
+        remembered, parts = super()._advance(memory, observation, scoring)
+        if self.episode_cap is None:
+            return remembered, parts
+        due, paid = parts[0] + parts[1], memory["density_paid"]
+        granted = torch.minimum(due, (self.episode_cap - paid).clamp_min(0))
+        remembered["density_paid"] = (paid + granted).to(paid.dtype)
+        # Exactly 1 while the cap is far, so that nothing is changed then.
+        share = granted / due.clamp_min(torch.finfo(due.dtype).tiny)
+        return remembered, tuple(part * share for part in parts)
 
     def _recall(
         self,
@@ -155,7 +181,7 @@ class AssistDensityReward(ShapedReward):
         observation: Observation,
         scoring: Tensor,
     ) -> Memory:
-        if self.transition == "consecutive":
+        if self.transition == "consecutive" and self.episode_cap is None:
             # The root observation alone tells it, in whatever order the steps are.
             return self._first_memory(self._observe(tensordict, "the root"))
         return super()._recall(tensordict, following, observation, scoring)
@@ -163,25 +189,10 @@ class AssistDensityReward(ShapedReward):
     def _pay(
         self, memory: Memory, remembered: Memory, observation: Observation
     ) -> tuple[Tensor, ...]:
-        (name,) = memory
+        before, after = memory[self._carrier], remembered[self._carrier]
         active = in_control(observation)
-        both_known = torch.minimum(memory[name], remembered[name]) > NOBODY
-        received = active & both_known & (memory[name] != remembered[name])
+        received = active & (torch.minimum(before, after) > NOBODY) & (before != after)
         position = observation["ball"][..., :2]
         start = self.density.start(position) * (active * self.weight)
         end = self.density.end(position) * (received * self.weight)
         return start, end
-
-
-def density_from(density: AssistDensity | str | os.PathLike[str] | None) -> AssistDensity:
-    """The densities that a reward is given, in any of the ways that it takes them."""
-    if density is None:
-        return AssistDensity.default()
-    if isinstance(density, (str, os.PathLike)):
-        return open_density(density)
-    if not isinstance(density, AssistDensity):
-        raise TypeError(
-            f"density is a {type(density).__name__}; expected an AssistDensity, a name or the path "
-            "of a density file, or None for the shipped one."
-        )
-    return density
