@@ -2,6 +2,7 @@
 
 from fbrl.density.assist import AssistDensity, DensityMetadata
 from fbrl.density.controls import open_density
+from fbrl.density.fit import fit_assist_density
 from fbrl.density.pitch import pitch_from_statsbomb
 from fbrl.density.position import PositionDensity
 
@@ -9,6 +10,7 @@ __all__ = [
     "AssistDensity",
     "DensityMetadata",
     "PositionDensity",
+    "fit_assist_density",
     "open_density",
     "pitch_from_statsbomb",
 ]

@@ -133,8 +133,8 @@ def fit_assist_density(
     ends: ArrayLike,
     *,
     source: str,
-    filter: str,
-    credit: str = "Data: StatsBomb",
+    filter: str = "all given",
+    credit: str = "",
     bandwidth: BandwidthRule | float = "thesis",
     peak_start: float = PEAK_START,
     peak_end: float = PEAK_END,
@@ -148,9 +148,9 @@ def fit_assist_density(
     Args:
         starts: (n, 2) positions in pitch units that the assists were played from.
         ends: (n, 2) positions that they were received at.
-        source: competitions and seasons, for the metadata.
+        source: where they come from, such as competitions and seasons, for the metadata.
         filter: which passes these are, for the metadata.
-        credit: the credit that the data's owner asks for, for the metadata.
+        credit: the credit that the data's owner asks for ("Data: StatsBomb"), for the metadata.
         bandwidth: see :func:`fbrl.density.kde.kernel_covariance`.
         peak_start: the start density's largest value.
         peak_end: the end density's largest value.
@@ -166,9 +166,7 @@ def fit_assist_density(
         >>> import numpy as np
         >>> rng = np.random.default_rng(0)
         >>> starts, ends = rng.normal([[[0.4, 0.0]], [[0.8, 0.0]]], 0.05, (2, 200, 2))
-        >>> density = fit_assist_density(
-        ...     starts, ends, source="made up", filter="none", credit="", columns=101
-        ... )
+        >>> density = fit_assist_density(starts, ends, source="made up", columns=101)
         >>> density.metadata.n
         200
     """

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from fbrl.envs.actions import ACTION_NAMES
 from fbrl.envs.football import FootballEnv, FootballVectorEnv
 from fbrl.envs.gfootball_import import EngineNotInstalledError
 from fbrl.envs.observation import OBSERVATION_SPACE
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from fbrl.envs.factory import make_env
 
 __all__ = [
+    "ACTION_NAMES",
     "OBSERVATION_SPACE",
     "SCENARIOS",
     "EngineNotInstalledError",

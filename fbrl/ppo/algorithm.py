@@ -34,8 +34,7 @@ class PPO:
 
     Examples:
         >>> from fbrl.envs import make_env
-        >>> from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
-    from fbrl.models.actor_critic import build_actor_critic
+        >>> from fbrl.models.actor_critic import build_actor_critic
         >>> config = PPOConfig(total_frames=64, num_envs=2, num_steps=16, num_minibatches=2)
         >>> env = make_env("academy_empty_goal", num_envs=2, seed=0)
         >>> ppo = PPO(env, build_actor_critic("simple115"), config)

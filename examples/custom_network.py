@@ -1,0 +1,35 @@
+"""A network of your own with fbrl's PPO."""
+
+import argparse
+
+from torch import nn
+
+from fbrl.config import PPOConfig
+from fbrl.envs import make_env
+from fbrl.models import ActorCritic
+from fbrl.ppo import PPO
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=20_000)
+    frames = parser.parse_args().frames
+
+    # Any module from the observation to features; the policy's and the value's heads are added.
+    trunk = nn.Sequential(nn.LayerNorm(115), nn.Linear(115, 128), nn.SiLU(), nn.Linear(128, 64))
+    model = ActorCritic(trunk, "simple115", num_features=64, num_actions=19)
+
+    config = PPOConfig(total_frames=frames, num_envs=4, num_steps=128, learning_rate=1e-3)
+    env = make_env("academy_empty_goal_close", num_envs=config.num_envs, seed=0)
+    ppo = PPO(env, model, config)
+    while ppo.frames < config.total_frames:
+        batch = ppo.collect()
+        losses = ppo.learn(batch)
+        matches = max(1, int(batch["next", "done"].sum()))
+        goals = batch["next", "reward_scoring"].sum().item() / matches
+        print(f"{ppo.frames} frames: {goals:.2f} goals a match, entropy {losses['entropy']:.2f}")
+    env.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""Every example runs as it is printed in the docs, and shows what it says it shows."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+import sys
+
+import pytest
+from conftest import REPOSITORY
+
+from fbrl.density import AssistDensity
+
+EXAMPLES = REPOSITORY / "examples"
+WITHOUT_ENGINE = ("reward_in_torchrl", "relabel_replay_buffer", "custom_density")
+
+
+@pytest.fixture
+def run_example(monkeypatch, capsys, tmp_path):
+    """Runs an example in an empty directory and returns what it printed."""
+
+    def run(name: str, *arguments: object) -> str:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def without_engine(tmp_path_factory):
+    """What those print that need no engine, and where: one process that can't import gfootball."""
+    folder = tmp_path_factory.mktemp("examples")
+    program = [
+        "import runpy, sys",
+        "sys.modules['gfootball'] = sys.modules['gfootball_engine'] = None",
+    ]
+    for name in WITHOUT_ENGINE:
+        path = str(EXAMPLES / f"{name}.py")
+        program += [f"print('== {name}')", f"runpy.run_path({path!r}, run_name='__main__')"]
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(program)],
+        cwd=folder, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    blocks = (block.split("\n", 1) for block in done.stdout.split("== ")[1:])
+    return dict(blocks), folder
+
+
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?\d+\.\d+", text)]
+
+
+def test_the_page_shows_every_example():
+    page = (REPOSITORY / "docs" / "examples.md").read_text()
+    shown = re.findall(r"literalinclude\} \.\./examples/(\w+)\.py", page)
+    assert sorted(shown) == sorted(path.stem for path in EXAMPLES.glob("*.py"))
+
+
+def test_the_reward_in_a_pipeline_of_ones_own(without_engine):
+    printed, _ = without_engine
+    start, end = numbers(printed["reward_in_torchrl"])
+    # 25 steps with the ball, and passes that are received in front of the goal.
+    assert 0.001 < start < 0.025
+    assert 0.05 < end < 1
+
+
+def test_a_replay_buffer_is_relabelled(without_engine):
+    printed, _ = without_engine
+    recorded, relabelled, _, potential = numbers(printed["relabel_replay_buffer"])[-4:]
+    assert recorded == 0.01
+    assert relabelled > recorded > potential
+
+
+def test_densities_of_ones_own(without_engine):
+    printed, folder = without_engine
+    metadata = AssistDensity.load(folder / "crosses.npz").metadata
+    assert (metadata.n, metadata.credit) == (300, "")
+    wing, goal, midfield = numbers(printed["custom_density"])[-3:]
+    assert goal > 0.05 > wing > midfield == 0
+
+
+def test_a_reward_of_ones_own_next_to_fbrls(run_example):
+    output = run_example("custom_reward")
+    ours, own = output.split("ProgressReward")
+    assert "reward_start_density" in ours
+    assert numbers(own.split("reward_progress")[1])[0] > 0
+
+
+def test_a_network_of_ones_own(run_example):
+    output = run_example("custom_network", "--frames", 1024).splitlines()
+    assert [line.split(" frames")[0] for line in output] == ["512", "1024"]
+
+
+def test_plain_gymnasium(run_example):
+    output = run_example("gymnasium_match", "--matches", 2).splitlines()
+    assert [line.split(",")[0] for line in output] == ["match 0: goals +1", "match 1: goals +1"]
+
+
+def test_stable_baselines3(run_example):
+    pytest.importorskip("stable_baselines3")
+    output = run_example("stable_baselines3_ppo", "--steps", 512, "--matches", 2)
+    assert re.fullmatch(r"2 matches: \d\.\d\d goals a match, deviation \d\.\d\d\n", output)
