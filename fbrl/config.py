@@ -235,8 +235,8 @@ class TrainConfig:
             value, default = getattr(self, name), getattr(type(self), name)
             if self.reward not in users and value != default:
                 raise ConfigError(
-                    f"{name} ({value!s:.100}) is only used by the {' or the '.join(users)} reward, and "
-                    f"the reward is {self.reward}. Leave one of the two out."
+                    f"{name} ({value!s:.100}) is only used by the {' or the '.join(users)} reward, "
+                    f"and the reward is {self.reward}. Leave one of the two out."
                 )
         self.ppo.check()
 
