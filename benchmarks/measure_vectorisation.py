@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-VECTORISATIONS = ("threads", "MultiSyncCollector", "ParallelEnv", "AsyncVectorEnv")
-"""What a training does; TorchRL's processes, that collect or only step; Gymnasium's."""
+VECTORISATIONS = ("threads", "processes", "MultiSyncCollector", "ParallelEnv", "AsyncVectorEnv")
+"""The choices of a training; TorchRL's processes, that collect or only step; Gymnasium's."""
 
 _STEPS_PER_BATCH = 16
 
@@ -32,7 +32,7 @@ def collect(
     import torch
 
     from fbrl.config import PPOConfig
-    from fbrl.envs.factory import make_collection_env
+    from fbrl.envs.factory import COLLECTOR_NAMES, make_collection_env
     from fbrl.models.actor_critic import build_actor_critic
     from fbrl.ppo.algorithm import PPO
 
@@ -49,8 +49,10 @@ def collect(
             collect_batch = functools.partial(next, iter(collector))
         else:
             bookkeeping = None
-            if vectorisation == "threads":
-                env, bookkeeping = make_collection_env(scenario, num_envs=num_envs)
+            if vectorisation in COLLECTOR_NAMES:
+                env, bookkeeping = make_collection_env(
+                    scenario, num_envs=num_envs, collector=vectorisation
+                )
             else:
                 env = _make_env(scenario, vectorisation, num_envs)
             stack.callback(env.close)

@@ -19,6 +19,7 @@ REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")
 OBSERVATION_NAMES = ("minimap", "smm", "simple115")
 TRANSITION_NAMES = ("possession", "consecutive")
 ACTIVATION_NAMES = ("relu", "tanh")
+COLLECTOR_NAMES = ("threads", "processes")
 _REWARD_OPTIONS = {
     "density": ("analytics", "potential"),
     "transition": ("analytics",),
@@ -28,6 +29,8 @@ CHANGEABLE_ON_RESUME = (
     "total_frames",
     "device",
     "num_threads",
+    "collector",
+    "num_workers",
     "checkpoint_interval",
     "checkpoint_keep_interval",
     "eval_interval",
@@ -173,6 +176,13 @@ class TrainConfig:
     num_threads: int | None = None
     """Threads that play the matches; by default one for each available core."""
 
+    collector: str = "threads"
+    """Where the matches are played: threads of this process, or processes of threads, which suit
+    many cores, and are replaced when the engine crashes or hangs."""
+
+    num_workers: int | None = None
+    """Processes that play the matches; by default one for every 4 cores, at least 2."""
+
     run_dir: Path | None = None
     """New directory for logs and checkpoints; by default one below runs/ that is named after
     the scenario, the reward, the preset, the seed and the time."""
@@ -224,7 +234,12 @@ class TrainConfig:
         _check(self, "hidden_sizes", min(self.hidden_sizes, default=0) >= 1, "positive widths")
         _check(self, "hidden_sizes", len(self.hidden_sizes) <= 64, "at most 64 of them")
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
-        _check(self, "num_threads", self.num_threads is None or self.num_threads >= 1, "at least 1")
+        check_name("collector", self.collector, COLLECTOR_NAMES)
+        for name in ("num_threads", "num_workers"):
+            value = getattr(self, name)
+            _check(self, name, value is None or value >= 1, "at least 1")
+        if self.num_workers and self.collector != "processes":
+            raise ConfigError("num_workers is only used with the collector processes.")
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
         for name in ("checkpoint_keep_interval", "hang_timeout", "eval_episodes", "eval_interval"):
             _check(self, name, getattr(self, name) >= 0, "at least 0")

@@ -80,6 +80,7 @@ def _main(config: TrainConfig, resume: bool) -> None:
     # Seconds of imports, which --help and a mistyped option needn't wait for.
     from fbrl.checkpoint import CheckpointError
     from fbrl.envs import EngineNotInstalledError
+    from fbrl.envs.process_vector_env import MatchWorkersError
     from fbrl.ppo.run_checkpoints import TrainingNotSavedError
     from fbrl.ppo.trainer import TrainListener, train
     from fbrl.ppo.update import TrainingDivergedError
@@ -108,7 +109,7 @@ def _main(config: TrainConfig, resume: bool) -> None:
             OSError,
         ) as error:
             fail(PROGRAM, error)
-        except TrainingNotSavedError as error:
+        except (TrainingNotSavedError, MatchWorkersError) as error:
             fail(PROGRAM, f"{error} {going_on(display.run_dir)}", exit_code=FAILED)
         except (TrainingDivergedError, RunDirReplacedError) as error:
             fail(PROGRAM, error, exit_code=FAILED)

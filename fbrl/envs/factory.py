@@ -18,6 +18,7 @@ from fbrl.envs.episode_bookkeeping import EPISODE_LENGTH, EPISODE_PREFIX, Episod
 from fbrl.envs.episode_seeds import check_seed
 from fbrl.envs.football import ActionSet, FootballVectorEnv
 from fbrl.envs.observation import OBSERVATION_SPACE, select_space
+from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 from fbrl.envs.torchrl_matches import FootballMatches
 from fbrl.names import check_name
 from fbrl.transforms import (
@@ -46,6 +47,10 @@ OBSERVATIONS: Mapping[str, Callable[[], Transform]] = {
     "simple115": Simple115,
 }
 """The observations by name, as :func:`fbrl.models.actor_critic.build_actor_critic` knows them."""
+
+
+COLLECTOR_NAMES = ("threads", "processes")
+"""Where the matches of a training are played."""
 
 
 def make_reward(reward: str | ScoringReward, **options: Any) -> ScoringReward:
@@ -153,6 +158,10 @@ def make_collection_env(
     reward: str | ScoringReward = "analytics",
     observation: str | Transform = "simple115",
     num_threads: int | None = None,
+    collector: str = "threads",
+    num_workers: int | None = None,
+    worker_timeout: float = 20,
+    on_restart: Callable[[str], None] = lambda line: None,
     seed: int | None = None,
 ) -> tuple[TransformedEnv, EpisodeBookkeeping]:
     """Makes what :func:`make_env` does in two parts, for a collector that is in a hurry.
@@ -160,7 +169,17 @@ def make_collection_env(
     The environment computes what the policy needs. The bookkeeping writes the rest, the reward
     among it, into whole batches; both together give the same numbers as :func:`make_env`.
 
-    Takes :func:`make_env`'s arguments.
+    Args:
+        scenario: As for :func:`make_env`, like the next ones.
+        num_envs: Number of matches.
+        reward: Labels the batches.
+        observation: What the policy reads.
+        num_threads: Threads that step the matches.
+        collector: ``"threads"`` plays the matches in this process, ``"processes"`` in others.
+        num_workers: Number of these processes.
+        worker_timeout: Seconds after which one that does not answer is replaced; 0 for never.
+        on_restart: Called with one line about each replacement.
+        seed: Seeds the matches.
 
     Raises:
         ValueError: A name is unknown.
@@ -172,9 +191,20 @@ def make_collection_env(
     needed_now = _raw_keys([observation_transform])
     if seed is not None:
         check_seed(seed)
-    matches = FootballVectorEnv(
-        scenario, num_envs, num_threads, observation_keys=needed_now | needed_later
-    )
+    keys = needed_now | needed_later
+    matches: FootballVectorEnv | FootballProcessVectorEnv
+    if check_name("collector", collector, COLLECTOR_NAMES) == "processes":
+        matches = FootballProcessVectorEnv(
+            scenario,
+            num_envs,
+            num_threads,
+            keys,
+            num_workers=num_workers,
+            timeout=worker_timeout,
+            on_restart=on_restart,
+        )
+    else:
+        matches = FootballVectorEnv(scenario, num_envs, num_threads, keys)
     env = TransformedEnv(
         _as_torchrl(matches),
         Compose(observation_transform, ExcludeTransform(*sorted(needed_now - needed_later))),
@@ -184,7 +214,7 @@ def make_collection_env(
     return env, EpisodeBookkeeping(reward_transform, drop=sorted(needed_later))
 
 
-def _as_torchrl(matches: FootballVectorEnv) -> FootballMatches:
+def _as_torchrl(matches: FootballVectorEnv | FootballProcessVectorEnv) -> FootballMatches:
     return FootballMatches(matches, categorical_action_encoding=True, device="cpu")
 
 

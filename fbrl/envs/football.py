@@ -28,7 +28,7 @@ from fbrl.names import check_name
 ActionSet = Literal["default", "v2"]
 """Gfootball's names: 19 actions, or these and :data:`~fbrl.envs.engine.BUILTIN_AI`."""
 
-_ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
+ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
 
 
 class FootballEnv(gymnasium.Env[Observation, np.int64]):
@@ -169,7 +169,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self.autoreset_mode = AutoresetMode.DISABLED
         self.single_observation_space: spaces.Dict = select_space(observation_keys)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._num_actions = _ACTIONS_IN_SET[check_name("action_set", action_set, _ACTIONS_IN_SET)]
+        self._num_actions = ACTIONS_IN_SET[check_name("action_set", action_set, ACTIONS_IN_SET)]
         self.single_action_space = spaces.Discrete(self._num_actions)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._matches = [Match(scenario) for _ in range(num_envs)]

@@ -20,6 +20,7 @@ from fbrl.config import ConfigError, TrainConfig, save_config
 from fbrl.crash_report import CrashReport, set_crash_report_aside
 from fbrl.envs.engine import load_gfootball
 from fbrl.envs.factory import make_collection_env
+from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.evaluate import Evaluation
 from fbrl.interrupt import Interrupt, Interrupted
 from fbrl.monitor import Monitor
@@ -33,6 +34,10 @@ from fbrl.run_dir import RunDirLock, RunDirReplacedError, existing_run_dir, make
 
 HUNG = 1
 """Exit code of a process in which the engine hangs."""
+
+
+WORKER_TIMEOUT = 20
+"""Seconds without an answer after which a process that plays matches is replaced."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,7 @@ def train(
         UnknownNameError: There is no such scenario, reward or the like.
         EngineNotInstalledError: gfootball is missing.
         TrainingDivergedError: A loss is not finite; the last checkpoint is the one before.
+        MatchWorkersError: Processes that play matches died too often; the training is saved.
         TrainingNotSavedError: The training ended, but the last checkpoint can't be written.
         RunDirReplacedError: The run's directory was deleted and is another training's now.
         OSError: A file of the run can't be made to begin with.
@@ -140,6 +146,10 @@ def train(
             reward=reward,
             observation=config.observation,
             num_threads=config.num_threads,
+            collector=config.collector,
+            num_workers=config.num_workers,
+            worker_timeout=min(config.hang_timeout, WORKER_TIMEOUT),
+            on_restart=listener.on_warning,
             seed=config.seed,
         )
         stack.enter_context(contextlib.closing(env))
@@ -215,6 +225,9 @@ def _train(
             trained = evaluate("trained", config.eval_episodes)
     except Interrupted:
         checkpoints.save()
+    except MatchWorkersError:
+        checkpoints.save()
+        raise
     except TrainingDivergedError as error:
         raise checkpoints.save_divergence(error) from error
     checkpoints.check_saved()

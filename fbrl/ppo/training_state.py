@@ -18,6 +18,7 @@ from fbrl.config import (
 )
 from fbrl.crash_report import seed_after_crashes
 from fbrl.envs.football import FootballVectorEnv
+from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 from fbrl.evaluate import Evaluation
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
@@ -50,7 +51,7 @@ class TrainingState:
         self._config = config
         self.ppo = ppo
         self._env = env
-        self._matches: FootballVectorEnv = env.base_env._env
+        self._matches: FootballVectorEnv | FootballProcessVectorEnv = env.base_env._env
         self.monitor = monitor
         self._batch_start: dict[str, Any] = {}
 

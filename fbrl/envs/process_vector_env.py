@@ -1,0 +1,350 @@
+"""Matches in several processes of threads, each of which may die without ending the others."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from fbrl.counts import check_count
+from fbrl.envs.arguments import check_actions, check_mask, check_options
+from fbrl.envs.episode_seeds import spread_seed
+from fbrl.envs.football import ACTIONS_IN_SET, ActionSet
+from fbrl.envs.match_worker import WorkerSettings, play_matches_for
+from fbrl.envs.observation import Observation, select_space
+from fbrl.envs.scenarios import check_scenario
+from fbrl.names import check_name
+
+CORES_PER_WORKER = 4
+"""Of the default number of workers. One process of threads is as quick on so few cores, and takes
+less memory; with more, what its threads do in Python begins to stand in line."""
+
+MAX_RESTARTS = 10
+"""Of all workers together, by default."""
+
+_START_TIMEOUT = 120
+
+
+class MatchWorkersError(RuntimeError):
+    """Raised when workers have died, or hung, too often."""
+
+
+class _WorkerLostError(Exception):
+    """A worker has died or does not answer; says why."""
+
+
+class FootballProcessVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
+    """A :class:`FootballVectorEnv` whose matches are shared out to processes.
+
+    For machines with many cores, where the threads of one process stand in line for Python's
+    lock, and for engines that are not trusted: a process that dies or hangs is replaced. Its
+    matches are lost: they end, truncated, with the last state that was seen, and others begin.
+    Seeds, matches and states are those of :class:`FootballVectorEnv`, bit for bit.
+
+    As everywhere with Python's ``spawn``, the main module of a program that makes one must not
+    make it on import: put it below ``if __name__ == "__main__":``.
+
+    Args:
+        scenario, num_envs, observation_keys, action_set: As for :class:`FootballVectorEnv`.
+        num_threads: Threads of all workers together; by default one for each available core.
+        num_workers: Processes; by default one for every :data:`CORES_PER_WORKER` cores, at least
+            2, at most ``num_envs``.
+        timeout: Seconds after which a worker that does not answer is replaced; 0 for never. Time
+            in which this process itself stands still does not count.
+        max_restarts: How often workers are replaced, all together, before it is an error; by
+            default :data:`MAX_RESTARTS`.
+        on_restart: Called with one line about each replacement.
+
+    Attributes:
+        lost_matches: Matches that were lost so far.
+
+    Raises:
+        ValueError: A number is not positive, or a key is unknown.
+        UnknownNameError: There is no such scenario.
+
+    Examples:
+        >>> env = FootballProcessVectorEnv("academy_empty_goal", num_envs=2)
+        >>> observation, _ = env.reset(seed=1)
+        >>> observation["ball"].shape
+        (2, 3)
+        >>> env.close()
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (the base class's type)
+        "autoreset_mode": AutoresetMode.DISABLED,
+        "render_modes": [],
+    }
+
+    def __init__(
+        self,
+        scenario: str,
+        num_envs: int = 1,
+        num_threads: int | None = None,
+        observation_keys: Iterable[str] | None = None,
+        action_set: ActionSet = "default",
+        *,
+        num_workers: int | None = None,
+        timeout: float = 20,
+        max_restarts: int | None = None,
+        on_restart: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.num_envs = num_envs = check_count("num_envs", num_envs)
+        self.scenario = check_scenario(scenario)
+        cores = len(os.sched_getaffinity(0))
+        workers = check_count("num_workers", num_workers or max(2, cores // CORES_PER_WORKER))
+        threads = check_count("num_threads", num_threads or cores)
+        workers = min(workers, num_envs)
+        # TorchRL's GymWrapper asks the instance, not its metadata.
+        self.autoreset_mode = AutoresetMode.DISABLED
+        self.single_observation_space: spaces.Dict = select_space(observation_keys)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._num_actions = ACTIONS_IN_SET[check_name("action_set", action_set, ACTIONS_IN_SET)]
+        self.single_action_space = spaces.Discrete(self._num_actions)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._action_set = action_set
+        self._num_threads = max(1, threads // workers)
+        self._timeout = timeout
+        self._restarts_left = MAX_RESTARTS if max_restarts is None else max_restarts
+        self._on_restart = on_restart
+        self.lost_matches = 0
+        self._share = [part.tolist() for part in np.array_split(np.arange(num_envs), workers)]
+        self._workers: list[tuple[BaseProcess, Connection]] = []
+        # Of the seeds that lost matches are followed by.
+        self._random = np.random.default_rng()
+        self._observation: Observation = {}
+        # Workers that were replaced while no step was played: the next one has to tell.
+        self._to_tell: set[int] = set()
+        self._is_asking = False
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts an episode in all matches, or in those of a mask.
+
+        Takes the arguments of :meth:`FootballVectorEnv.reset`.
+
+        Raises:
+            ValueError: A seed is out of range, the mask or the seeds have another length, or there
+                are other options.
+            RuntimeError: The environment is closed.
+            MatchWorkersError: Workers were lost too often.
+        """
+        self._check_open()
+        mask = check_mask(check_options(options, ("reset_mask",)).get("reset_mask"), self.num_envs)
+        seeds = spread_seed(seed, self.num_envs)
+        if isinstance(seed, int):
+            self._random = np.random.default_rng(seed)
+        if not self._workers:
+            self._workers = [
+                self._start(number, [seeds[i] for i in share])
+                for number, share in enumerate(self._share)
+            ]
+            answers = [self._first_answer(number) for number in range(len(self._share))]
+        else:
+            self._to_tell -= {n for n, share in enumerate(self._share) if mask[share].all()}
+
+            def arguments(share: list[int]) -> dict[str, Any]:
+                options = {"reset_mask": mask[share]}
+                return {"seed": [seeds[i] for i in share], "options": options}
+
+            answers = self._ask("reset", arguments)
+        observations, infos = zip(*answers, strict=True)
+        info = {key: np.concatenate([one[key] for one in infos]) for key in infos[0]}
+        return self._join(observations), info
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Plays one step in every match; a lost one ends, truncated, as it was last seen.
+
+        Args:
+            actions: As for :meth:`FootballVectorEnv.step`.
+
+        Raises:
+            ValueError: The actions have another shape, dtype or range.
+            RuntimeError: A match has not begun or has ended, or the environment is closed.
+            MatchWorkersError: Workers were lost too often.
+        """
+        self._check_begun("step()")
+        actions = check_actions(actions, self.num_envs, self._num_actions)
+        answers = self._ask("step", lambda share: {"actions": actions[share]})
+        observations, rewards, terminated, truncated, _ = zip(*answers, strict=True)
+        return (
+            self._join(observations),
+            np.concatenate(rewards),
+            np.concatenate(terminated),
+            np.concatenate(truncated),
+            {},
+        )
+
+    @property
+    def episodes(self) -> list[tuple[int, int]]:
+        """Engine seed and number of each match's episode, which decide all but the actions."""
+        self._check_begun("episodes")
+        return self._ask_all("episodes")
+
+    def get_state(self) -> list[dict[str, Any]]:
+        """See :meth:`FootballVectorEnv.get_state`."""
+        self._check_begun("get_state()")
+        return self._ask_all("get_state")
+
+    def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
+        """See :meth:`FootballVectorEnv.set_state`."""
+        if len(states) != self.num_envs:
+            raise ValueError(
+                f"There are states of {len(states)} matches for {self.num_envs} matches."
+            )
+        if not self._workers:
+            self.reset()
+        self._ask("set_state", lambda share: {"states": [states[i] for i in share]})
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Ends the workers."""
+        for process, connection in self._workers:
+            connection.close()
+            process.kill()
+            process.join()
+
+    def _ask_all(self, method: str) -> list[Any]:
+        return [one for answer in self._ask(method, lambda share: {}) for one in answer]
+
+    def _ask(self, method: str, arguments: Callable[[list[int]], dict[str, Any]]) -> list[Any]:
+        """Asks all workers at once; one that is lost is replaced.
+
+        Args:
+            method: Of :class:`FootballVectorEnv`.
+            arguments: Of a worker's matches.
+        """
+        if self._is_asking:
+            raise RuntimeError("A call of these matches was broken off: close them, make new ones.")
+        self._is_asking = True
+        silent = self._to_tell if method == "step" else set()
+        for number, share in enumerate(self._share):
+            if number not in silent:
+                # One that has died is noticed when it does not answer.
+                with contextlib.suppress(OSError):
+                    self._workers[number][1].send((method, arguments(share)))
+        answers = [
+            self._cut_off(number) if number in silent else self._answer(number, method, arguments)
+            for number in range(len(self._share))
+        ]
+        self._to_tell = self._to_tell - silent
+        self._is_asking = False
+        return answers
+
+    def _answer(
+        self, number: int, method: str, arguments: Callable[[list[int]], dict[str, Any]]
+    ) -> Any:
+        try:
+            return self._receive(number, self._timeout)
+        except _WorkerLostError as error:
+            self._replace(number, str(error))
+        if method == "step":
+            return self._cut_off(number)
+        self._to_tell.add(number)
+        self._workers[number][1].send((method, arguments(self._share[number])))
+        return self._receive(number, self._timeout)
+
+    def _cut_off(self, number: int) -> tuple[Any, ...]:
+        """What a step led to in the matches of a worker that was lost."""
+        share = self._share[number]
+        observation = {key: value[share] for key, value in self._observation.items()}
+        nothing = np.zeros(len(share), bool)
+        return observation, nothing.astype(np.float32), nothing, ~nothing, {}
+
+    def _receive(self, number: int, timeout: float) -> Any:
+        process, connection = self._workers[number]
+        waited = 0.0
+        while not wait([connection, process.sentinel], 1.0):
+            # Counted, not measured: a process that stands still does not wait.
+            waited += 1
+            if timeout and waited >= timeout:
+                raise _WorkerLostError(f"has not answered for {waited:g} s")
+        try:
+            went_well, answer = connection.recv()
+        except (EOFError, OSError) as error:
+            raise _WorkerLostError(self._how_it_died(number)) from error
+        if not went_well:
+            raise answer
+        return answer
+
+    def _how_it_died(self, number: int) -> str:
+        process = self._workers[number][0]
+        process.join(1)
+        code = process.exitcode
+        if code is not None and code < 0:
+            return f"was ended by {signal.Signals(-code).name}"
+        return f"ended with exit code {code}"
+
+    def _start(self, number: int, seeds: Sequence[int | None]) -> tuple[BaseProcess, Connection]:
+        ours, theirs = multiprocessing.Pipe()
+        settings = WorkerSettings(
+            self.scenario,
+            len(self._share[number]),
+            self._num_threads,
+            tuple(self.single_observation_space),
+            self._action_set,
+            seeds,
+        )
+        process = multiprocessing.get_context("spawn").Process(
+            target=play_matches_for,
+            args=(theirs, settings),
+            name=f"matches-{number}",
+            daemon=True,
+        )
+        process.start()
+        theirs.close()
+        return process, ours
+
+    def _first_answer(self, number: int) -> Any:
+        return self._receive(number, self._timeout and max(self._timeout, _START_TIMEOUT))
+
+    def _replace(self, number: int, reason: str) -> None:
+        process, connection = self._workers[number]
+        connection.close()
+        process.kill()
+        process.join()
+        share = self._share[number]
+        self.lost_matches += len(share)
+        line = (
+            f"Worker {number}, which plays {len(share)} matches of {self.scenario!r}, {reason}; "
+            f"{self.lost_matches} matches have been lost so far."
+        )
+        if not self._restarts_left:
+            raise MatchWorkersError(f"{line} That was too often.")
+        self._restarts_left -= 1
+        self._on_restart(f"{line} It is replaced, {self._restarts_left} times more at most.")
+        seeds = self._random.integers(2**31, size=len(share)).tolist()
+        self._workers[number] = self._start(number, seeds)
+        try:
+            self._first_answer(number)
+        except _WorkerLostError as error:
+            self._replace(number, str(error))
+
+    def _join(self, observations: Sequence[Observation]) -> Observation:
+        self._observation = {
+            key: np.concatenate([one[key] for one in observations]) for key in observations[0]
+        }
+        return self._observation
+
+    def _check_begun(self, call: str) -> None:
+        self._check_open()
+        if not self._workers:
+            raise RuntimeError(f"The matches have not begun: call reset() before {call}.")
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")

@@ -1,0 +1,147 @@
+"""Matches in worker processes: those of the threads, and what happens when a worker dies."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from fbrl.envs import FootballVectorEnv
+from fbrl.envs.process_vector_env import FootballProcessVectorEnv, MatchWorkersError
+
+SCENARIO = "academy_3_vs_1_with_keeper"
+KEYS = ("ball", "left_team", "active", "game_mode")
+
+
+@pytest.fixture
+def make():
+    made = []
+
+    def make_processes(num_envs=3, **options):
+        made.append(FootballProcessVectorEnv(SCENARIO, num_envs, None, KEYS, **options))
+        return made[-1]
+
+    yield make_processes
+    for env in made:
+        env.close()
+
+
+def assert_same(observation, expected):
+    assert observation.keys() == expected.keys()
+    for key, value in expected.items():
+        np.testing.assert_array_equal(observation[key], value)
+        assert observation[key].dtype == value.dtype
+
+
+def play(env, random, steps):
+    """Steps with resets, as a collector does; yields what each call returned."""
+    for _ in range(steps):
+        observation, reward, terminated, truncated, _ = env.step(random.integers(19, size=3))
+        yield observation, reward, terminated, truncated
+        ended = terminated | truncated
+        if ended.any():
+            observation, info = env.reset(options={"reset_mask": ended})
+            yield observation, info["engine_seed"]
+
+
+def test_processes_play_the_matches_of_the_threads_and_exchange_states_with_them(make):
+    processes, threads = make(), FootballVectorEnv(SCENARIO, 3, 1, KEYS)
+    for env in (processes, threads):
+        env.first = env.reset(seed=4)
+    assert_same(processes.first[0], threads.first[0])
+    both = zip(
+        play(processes, np.random.default_rng(0), 150),
+        play(threads, np.random.default_rng(0), 150),
+        strict=True,
+    )
+    resets = 0
+    for ours, theirs in both:
+        assert_same(ours[0], theirs[0])
+        for one, other in zip(ours[1:], theirs[1:], strict=True):
+            np.testing.assert_array_equal(one, other)
+        resets += len(ours) == 2
+    assert resets >= 2
+    assert processes.episodes == threads.episodes
+
+    state = processes.get_state()
+    actions = [np.array([5, 12, 0])] * 10
+    expected = [processes.step(action)[0] for action in actions]
+    threads.set_state(state)
+    for action, observation in zip(actions, expected, strict=True):
+        assert_same(threads.step(action)[0], observation)
+    processes.set_state(state)
+    assert_same(processes.step(actions[0])[0], expected[0])
+    threads.close()
+
+
+@pytest.mark.parametrize("sign", [signal.SIGABRT, signal.SIGSTOP])
+def test_a_worker_that_aborts_or_hangs_is_replaced_and_its_matches_are_cut_off(make, sign):
+    lines = []
+    env = make(timeout=2, on_restart=lines.append)
+    before, _ = env.reset(seed=1)
+    idle = np.zeros(3, int)
+    before = env.step(idle)[0]
+    victim = env._workers[0][0]
+    os.kill(victim.pid, sign)
+    started = time.monotonic()
+    observation, reward, terminated, truncated, _ = env.step(idle)
+    assert time.monotonic() - started < 60
+    lost = [0, 1]
+    assert truncated.tolist() == [True, True, False]
+    assert not terminated.any()
+    assert reward[lost].tolist() == [0, 0]
+    for key in KEYS:
+        np.testing.assert_array_equal(observation[key][lost], before[key][lost])
+    assert env.lost_matches == 2
+    reason = "SIGABRT" if sign == signal.SIGABRT else "has not answered for 2 s"
+    assert len(lines) == 1
+    assert reason in lines[0]
+    assert "2 matches have been lost" in lines[0]
+    assert not victim.is_alive()
+
+    env.reset(options={"reset_mask": truncated})
+    assert not env.step(idle)[3].any(), "the new matches are played like any others"
+
+
+def test_a_worker_that_died_between_two_steps_is_told_by_the_next_one(make):
+    env = make()
+    env.reset(seed=1)
+    before = env.step(np.zeros(3, int))[0]
+    os.kill(env._workers[1][0].pid, signal.SIGKILL)
+    assert len(env.get_state()) == 3
+    observation, _, _, truncated, _ = env.step(np.zeros(3, int))
+    assert truncated.tolist() == [False, False, True]
+    np.testing.assert_array_equal(observation["ball"][2], before["ball"][2])
+    env.reset(options={"reset_mask": truncated})
+    assert not env.step(np.zeros(3, int))[3].any()
+
+
+def test_workers_that_die_too_often_are_an_error(make):
+    env = make(max_restarts=0)
+    env.reset(seed=1)
+    os.kill(env._workers[0][0].pid, signal.SIGKILL)
+    with pytest.raises(MatchWorkersError, match=r"SIGKILL; 2 matches have been lost.*too often"):
+        env.step(np.zeros(3, int))
+    with pytest.raises(RuntimeError, match="broken off"):
+        env.step(np.zeros(3, int))
+
+
+def test_misuse_is_named(make):
+    env = make()
+    with pytest.raises(RuntimeError, match=r"call reset\(\) before step"):
+        env.step(np.zeros(3, int))
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match="not all in"):
+        env.step(np.array([0, 0, 19]))
+    with pytest.raises(ValueError, match="states of 1 matches for 3"):
+        env.set_state(env.get_state()[:1])
+    with pytest.raises(ValueError, match="not that of a match"):
+        env.set_state([{}] * 3)
+    env.close()
+    with pytest.raises(RuntimeError, match="closed"):
+        env.reset()
+    with pytest.raises(ValueError, match="num_workers"):
+        make(num_workers=-1)
