@@ -75,5 +75,12 @@ def test_links_within_the_repository_lead_to_files(page):
     assert [link for link in local if not (page.resolve().parent / link).exists()] == []
 
 
+def test_every_page_is_in_the_table_of_contents():
+    index = (DOCS / "index.md").read_text()
+    pages = {path.stem for path in DOCS.glob("*.md")} - {"index"}
+    listed = set(re.findall(r"^(\w+)$", index, flags=re.MULTILINE))
+    assert pages == listed
+
+
 def test_the_readme_is_short():
     assert len((REPOSITORY / "README.md").read_text().splitlines()) < 150

@@ -14,13 +14,12 @@ from fbrl.cli.density_common import add_density, print_counts
 from fbrl.cli.density_options import add_fit_options, add_pass_options, pass_filter
 from fbrl.cli.density_plot import add_plot
 from fbrl.cli.density_source import read_passes
-from fbrl.cli.errors import Parser, fail
+from fbrl.cli.errors import Parser, ending_when_interrupted, fail
 
 if TYPE_CHECKING:
     from fbrl.density import AssistDensity
 
 PROGRAM = "fbrl-density"
-INTERRUPTED = 130
 DEFAULT_OUT = Path("assist_density.npz")
 
 _DESCRIPTION = """\
@@ -41,17 +40,12 @@ Fit a pair of densities and write them to one file. Examples:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if it was interrupted."""
     options = _parser().parse_args(sys.argv[1:] if arguments is None else arguments)
-    try:
-        options.command(options)
-    except (ValueError, OSError, ImportError) as error:
-        fail(options.program, error)
-    except KeyboardInterrupt:
-        print(
-            f"{options.program}: interrupted. Matches that were downloaded are kept; run the same "
-            "command to go on.",
-            file=sys.stderr,
-        )
-        sys.exit(INTERRUPTED)
+    remark = "interrupted. Matches that were downloaded are kept; run the same command to go on."
+    with ending_when_interrupted(options.program, remark):
+        try:
+            options.command(options)
+        except (ValueError, OSError, ImportError) as error:
+            fail(options.program, error)
     sys.exit(0)
 
 

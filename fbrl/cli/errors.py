@@ -1,4 +1,4 @@
-"""How the commands end on bad usage or bad input: one line on stderr and exit code 2."""
+"""How the commands end on bad usage, bad input or an interruption: one line on stderr."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from collections.abc import Iterator
 from typing import NoReturn
 
 BAD_USAGE = 2
+
+INTERRUPTED = 130
+"""Exit code of a command that a signal ended, as shells give it."""
 
 
 def fail(program: str, message: object, exit_code: int = BAD_USAGE) -> NoReturn:
@@ -26,6 +29,16 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Prints the line and exits with code 2."""
         fail(self.prog, f"{message} (see {self.prog} --help)")
+
+
+@contextlib.contextmanager
+def ending_when_interrupted(program: str, remark: str = "interrupted") -> Iterator[None]:
+    """Answers an interruption with one line on stderr and exit code 130."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(f"{program}: {remark}", file=sys.stderr)
+        sys.exit(INTERRUPTED)
 
 
 @contextlib.contextmanager

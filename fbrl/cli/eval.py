@@ -8,7 +8,6 @@ import io
 import json
 import math
 import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,7 @@ from fbrl.allocator import preload_tcmalloc
 from fbrl.atomic_write import atomic_write
 from fbrl.cli.arguments import finite_number, number_from_zero, positive_integer, seed
 from fbrl.cli.commands import check_outputs
-from fbrl.cli.errors import Parser, fail
+from fbrl.cli.errors import Parser, ending_when_interrupted, fail
 from fbrl.cli.eval_display import EvaluationProgress, print_report
 from fbrl.envs.scenarios import SCENARIO_GROUPS, expand_scenarios
 from fbrl.names import UnknownNameError
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from fbrl.comparison import Contestant, Row
 
 PROGRAM = "fbrl-eval"
-INTERRUPTED = 130
 MODES = ("sample", "greedy")
 POLICIES = ("random", "idle", "builtin-ai")
 
@@ -63,13 +61,10 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if interrupted."""
-    try:
+    with ending_when_interrupted(PROGRAM):
         options = _parser().parse_args(arguments)
         preload_tcmalloc(PROGRAM)
         _main(options)
-    except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
 
 
 def _parser() -> Parser:

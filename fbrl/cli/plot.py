@@ -6,12 +6,11 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from fbrl.cli.errors import Parser, fail
+from fbrl.cli.errors import Parser, ending_when_interrupted, fail
 from fbrl.cli.plot_bars import add_bars
 from fbrl.cli.plot_curves import add_curves
 
 PROGRAM = "fbrl-plot"
-INTERRUPTED = 130
 
 _DESCRIPTION = """\
 Draw figures for papers from what fbrl-train and fbrl-eval have written, as PNG or SVG by the name's
@@ -26,13 +25,11 @@ examples (more of them: fbrl-plot curves --help, fbrl-plot bars --help):
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if it was interrupted."""
     options = _parser().parse_args(sys.argv[1:] if arguments is None else arguments)
-    try:
-        options.command(options)
-    except (ValueError, OSError, ImportError) as error:
-        fail(options.program, error)
-    except KeyboardInterrupt:
-        print(f"{options.program}: interrupted; nothing was written", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+    with ending_when_interrupted(options.program, "interrupted; nothing was written"):
+        try:
+            options.command(options)
+        except (ValueError, OSError, ImportError) as error:
+            fail(options.program, error)
     sys.exit(0)
 
 

@@ -19,7 +19,7 @@ import tyro
 from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
-from fbrl.cli.errors import fail, parsing
+from fbrl.cli.errors import INTERRUPTED, ending_when_interrupted, fail, parsing
 from fbrl.cli.lasting_output import lasting_output
 from fbrl.cli.train_display import TrainDisplay, resume_command, tensorboard_command
 from fbrl.cli.train_resume import asks_to_resume, parse_resume
@@ -55,9 +55,6 @@ faster; FBRL_TCMALLOC=0 in the environment prevents that.
 FAILED = 1
 """Exit code of a training that diverged, can't be saved or hangs."""
 
-INTERRUPTED = 130
-"""Exit code of a training that a signal ended and that is saved, whichever signal it was."""
-
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command.
@@ -65,15 +62,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Ends the process with 0; 2 on bad usage; 1 if the training diverged, could not be saved or
     hung; 130 if it was interrupted.
     """
-    try:
+    with ending_when_interrupted(PROGRAM, "interrupted; nothing was saved since the last line"):
         arguments = sys.argv[1:] if arguments is None else arguments
         resume = asks_to_resume(arguments)
         config = parse_resume(PROGRAM, arguments) if resume else parse(arguments)
         preload_tcmalloc(PROGRAM)
         _main(config, resume)
-    except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted; nothing was saved since the last line", file=sys.stderr)
-        sys.exit(INTERRUPTED)
 
 
 def _main(config: TrainConfig, resume: bool) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import signal
-import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.arguments import positive_integer, seed
 from fbrl.cli.commands import check_outputs
-from fbrl.cli.errors import Parser, fail
+from fbrl.cli.errors import Parser, ending_when_interrupted, fail
 from fbrl.cli.watch_display import WatchDisplay
 from fbrl.envs.scenarios import check_scenario
 from fbrl.watch.video import MissingExtraError, check_video_path, write_video
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from fbrl.watch.views import View
 
 PROGRAM = "fbrl-watch"
-INTERRUPTED = 130
 # Of fbrl.policies, whose import takes seconds.
 POLICIES = ("random", "idle", "builtin-ai")
 WIDTHS = {"2d": 960, "3d": 640, "both": 1280}
@@ -56,13 +54,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if interrupted."""
     # Whoever ends the command, it tidies up behind itself.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
+    with ending_when_interrupted(PROGRAM):
         options = _parser().parse_args(arguments)
         preload_tcmalloc(PROGRAM)
         _main(options)
-    except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
 
 
 def _parser() -> Parser:

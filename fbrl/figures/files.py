@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
+
+from fbrl.atomic_write import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,24 +35,19 @@ def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:
         ValueError: if a name has another ending.
         OSError: if a file cannot be written.
     """
-    files = {path: path.with_name(path.name + ".partial") for path in map(check_figure_path, paths)}
-    try:
-        for path, temporary in files.items():
-            _write(figure, temporary, path.suffix.lower())
-        for path, temporary in files.items():
-            temporary.replace(path)
-    finally:
-        for temporary in files.values():
-            temporary.unlink(missing_ok=True)
+    with contextlib.ExitStack() as files:
+        for path in map(check_figure_path, paths):
+            file = files.enter_context(atomic_write(path))
+            _write(figure, file, path.suffix.lower())
 
 
-def _write(figure: Figure, path: Path, kind: str) -> None:
+def _write(figure: Figure, file: BinaryIO, kind: str) -> None:
     import matplotlib
 
     # The same picture is the same file, whenever it is made.
     with matplotlib.rc_context({"svg.hashsalt": "fbrl", "svg.fonttype": "none"}):
         figure.savefig(
-            path,
+            file,
             format=kind[1:],
             dpi=_DOTS_PER_INCH,
             bbox_inches="tight",
