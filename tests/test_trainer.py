@@ -21,7 +21,7 @@ from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.football import FootballVectorEnv
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo import run_checkpoints, trainer
-from fbrl.ppo.trainer import TrainListener, choose_device, evaluation_is_due, train
+from fbrl.ppo.trainer import TrainListener, evaluation_is_due, train
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.run_log import read_run_log
 
@@ -275,12 +275,6 @@ def test_a_signal_during_the_evaluation_ends_it_after_the_checkpoint(config):
     result = train(config, TrainListener(on_evaluation=on_evaluation))
     assert (result.interrupted, result.frames, result.trained) == (True, 256, None)
     assert (config.run_dir / CHECKPOINT_NAME).exists()
-
-
-@pytest.mark.parametrize("name", ["tpu", "cuda:99", "meta"])
-def test_a_device_that_is_not_there_is_named(name):
-    with pytest.raises(ConfigError, match=f"device is '{name}'"):
-        choose_device(name)
 
 
 def test_a_bad_density_is_answered_before_anything_is_made(config, tmp_path):

@@ -167,7 +167,7 @@ def _main(options: argparse.Namespace) -> None:
 def _evaluate(options: argparse.Namespace, scenarios: Sequence[str]) -> dict[str, Any]:
     """Everything that there is to say, in the types that JSON knows."""
     from fbrl.comparison import baseline, improvements, pool_seeds, trained, training_row
-    from fbrl.ppo.trainer import choose_device
+    from fbrl.device import choose_device
 
     device = choose_device(options.device)
     # All of them before the first match: a mistyped name is not found out after an hour.

@@ -250,7 +250,7 @@ def _player(options: argparse.Namespace) -> dict[str, Any]:
             "reward": make_reward("analytics"),
         }
     from fbrl.agent import load_agent, make_training_reward
-    from fbrl.ppo.trainer import choose_device
+    from fbrl.device import choose_device
 
     device = choose_device(options.device or "auto")
     agent = load_agent(options.run, device)

@@ -16,8 +16,9 @@ import torch
 
 from fbrl.agent import keep_density, make_model, make_training_reward
 from fbrl.checkpoint import load_checkpoint
-from fbrl.config import ConfigError, TrainConfig, save_config
+from fbrl.config import TrainConfig, save_config
 from fbrl.crash_report import CrashReport, set_crash_report_aside
+from fbrl.device import choose_device
 from fbrl.envs.engine import load_gfootball
 from fbrl.envs.factory import make_collection_env
 from fbrl.envs.process_vector_env import MatchWorkersError
@@ -282,25 +283,3 @@ def evaluation_is_due(config: TrainConfig, frames: int, evaluated_at: int) -> bo
     if not (interval and config.eval_episodes) or frames >= config.ppo.total_frames:
         return False
     return frames // interval > evaluated_at // interval
-
-
-def choose_device(name: str) -> torch.device:
-    """The device of a name; ``"auto"`` is CUDA where there is one, else the CPU.
-
-    Raises:
-        ConfigError: There is no such device here.
-    """
-    if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    try:
-        device = torch.device(name)
-    except RuntimeError as error:
-        raise ConfigError(f"device is {name!r}; it must be auto, cpu, cuda or cuda:1.") from error
-    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
-        raise ConfigError(
-            f"device is {name!r}, but PyTorch finds {torch.cuda.device_count()} CUDA devices. "
-            "Use --device cpu, or install a CUDA build of PyTorch and its driver."
-        )
-    if device.type not in ("cpu", "cuda"):
-        raise ConfigError(f"device is {name!r}; it must be auto, cpu, cuda or cuda:1.")
-    return device
