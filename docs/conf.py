@@ -55,7 +55,7 @@ def keep_colons(
 ) -> None:
     """Keeps napoleon from taking "What is maximised: goals" for a type and its description."""
     if what in ("attribute", "data", "property"):
-        lines.insert(0, "")
+        lines[:0] = ["..", ""]  # a comment, so that the first line has no colon
 
 
 def setup(app: Sphinx) -> None:
