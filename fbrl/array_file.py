@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import zipfile
 from typing import IO, Any
 
@@ -30,8 +31,15 @@ def read_arrays(file: IO[bytes], largest: int) -> dict[str, NDArray[Any]]:
         if size > largest:
             raise ArrayFileError(f"it unpacks to {size:,} bytes, more than {largest:,}")
         file.seek(0)
-        with np.load(file, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
+        with np.load(file, allow_pickle=False) as members, warnings.catch_warnings():
+            # Of what a damaged member seems to be.
+            warnings.simplefilter("ignore")
+            arrays = {name: members[name] for name in members.files}
+        for name, array in arrays.items():
+            # A member that does not begin as an array does is handed out as bytes.
+            if not isinstance(array, np.ndarray):
+                raise ArrayFileError(f"{name} is no array")
+        return arrays
     except ArrayFileError:
         raise
     except Exception as error:  # zipfile, zlib and numpy raise a dozen kinds for damaged files

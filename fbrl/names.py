@@ -26,4 +26,6 @@ def check_name(kind: str, name: str, allowed: Iterable[str]) -> str:
         return name
     near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.3)
     hint = f" Did you mean {near[0]}?" if near else ""
-    raise UnknownNameError(f"There is no {kind} {name!r}.{hint} Choose from {', '.join(names)}.")
+    raise UnknownNameError(
+        f"There is no {kind} {name!r:.100}.{hint} Choose from {', '.join(names)}."
+    )

@@ -214,6 +214,15 @@ def test_a_file_of_kilobytes_that_unpacks_to_gigabytes_is_refused_at_once(tmp_pa
         load(path)
 
 
+@pytest.mark.parametrize("load", [AssistDensity.load, load_replay])
+@pytest.mark.parametrize("name", ["start.npy", "start", "a\x00b", "../start.npy"])
+def test_a_member_that_is_no_array_is_refused(tmp_path, load, name):
+    with zipfile.ZipFile(tmp_path / "odd.npz", "w") as archive:
+        archive.writestr(name, b"no array")
+    with pytest.raises(ValueError, match=r"odd\.npz.* is no array"):
+        load(tmp_path / "odd.npz")
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
