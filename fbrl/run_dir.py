@@ -64,11 +64,8 @@ class RunDirLock:
         self.run_dir = run_dir
         self._file = _locked_file(run_dir)
 
-    def renew(self) -> bool:
-        """Makes the directory anew where it is gone.
-
-        Returns:
-            Whether it was.
+    def renew(self) -> None:
+        """Makes the directory anew, and locks it, where it is gone.
 
         Raises:
             RunDirReplacedError: There is another one in its place.
@@ -77,18 +74,16 @@ class RunDirLock:
         try:
             found = (self.run_dir / LOCK_NAME).stat()
         except FileNotFoundError:
-            is_gone = not self.run_dir.is_dir()
             self.run_dir.mkdir(parents=True, exist_ok=True)
             file = _locked_file(self.run_dir)
             self._file.close()
             self._file = file
-            return is_gone
+            return
         if not os.path.samestat(found, os.fstat(self._file.fileno())):
             raise RunDirReplacedError(
                 f"The run directory {self.run_dir} was deleted, and another training was begun "
                 "there: this one ends, and leaves the other one's files alone."
             )
-        return False
 
     def close(self) -> None:
         """Lets other trainings in; the file stays."""

@@ -74,16 +74,18 @@ class RunCheckpoints:
         Raises:
             RunDirReplacedError: Another training was begun in its place.
         """
+        path = self.run_dir / "config.json"
         try:
-            if not self._lock.renew():
+            self._lock.renew()
+            if path.exists():
                 return
-            save_config(self._config, self.run_dir / "config.json")
+            save_config(self._config, path)
         except OSError:  # whatever can't be written there says so
             return
         self.saved_frames = None
         self._on_warning(
-            f"The run directory {self.run_dir} was deleted. It is made anew, without what was in "
-            "it, and the training goes on there."
+            f"The run directory {self.run_dir} was deleted or emptied. It is made anew, without "
+            "what was in it, and the training goes on there."
         )
 
     def is_due(self) -> bool:
