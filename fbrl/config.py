@@ -31,6 +31,8 @@ CHANGEABLE_ON_RESUME = (
     "num_threads",
     "collector",
     "num_workers",
+    "collect_ahead",
+    "compile",
     "checkpoint_interval",
     "checkpoint_keep_interval",
     "eval_interval",
@@ -182,6 +184,14 @@ class TrainConfig:
 
     num_workers: int | None = None
     """Processes that play the matches; by default one for every 4 cores, at least 2."""
+
+    collect_ahead: bool = False
+    """Collect the next batch while learning from one, with the weights of one update before. For a
+    GPU that learns while the cores would be idle. Such a training can't be repeated exactly."""
+
+    compile: bool = False
+    """Compile the network with torch.compile, which takes a C++ compiler and up to minutes at the
+    start. Losses differ in their last digits."""
 
     run_dir: Path | None = None
     """New directory for logs and checkpoints; by default one below runs/ that is named after

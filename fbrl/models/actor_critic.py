@@ -76,6 +76,13 @@ class ActorCritic(ActorValueOperator):
             ValueOperator(value_head, in_keys=["hidden"]),
         )
 
+    def compile_trunk(self) -> None:
+        """Compiles the trunk, when it is first called, with ``torch.compile``, in place.
+
+        It keeps its parameters and their names.
+        """
+        self.get_submodule("module.0.module").compile()
+
     def get_collection_policy(self) -> CollectionPolicy:
         """Returns the policy that acts in the environment; it shares the parameters."""
         trunk = self.get_submodule("module.0.module")

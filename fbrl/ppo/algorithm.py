@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
@@ -10,7 +11,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 from torchrl.objectives import ClipPPOLoss
 
-from fbrl.collect import RolloutCollector, inference_threads, torch_threads
+from fbrl.collect import AheadCollector, RolloutCollector, inference_threads, torch_threads
 from fbrl.config import PPOConfig
 from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.models.actor_critic import ActorCritic
@@ -27,6 +28,8 @@ class PPO:
             place, on the device where it is.
         config: Hyperparameters.
         bookkeeping: The other part of :func:`fbrl.envs.factory.make_collection_env`'s environment.
+        collect_ahead: Collect the next batch while learning from one, see
+            :class:`fbrl.collect.AheadCollector`.
 
     Attributes:
         frames: Frames learned from so far.
@@ -50,6 +53,8 @@ class PPO:
         model: ActorCritic,
         config: PPOConfig,
         bookkeeping: EpisodeBookkeeping | None = None,
+        *,
+        collect_ahead: bool = False,
     ) -> None:
         self.model = model
         self.config = config
@@ -57,7 +62,12 @@ class PPO:
         self.frames = 0
         policy = model.get_collection_policy()
         self._inference_threads = inference_threads(policy)
-        self._collector = RolloutCollector(env, policy, config.num_steps, bookkeeping)
+        self._collector: RolloutCollector | AheadCollector
+        if collect_ahead:
+            own = RolloutCollector(env, copy.deepcopy(policy), config.num_steps, bookkeeping)
+            self._collector = AheadCollector(own, policy)
+        else:
+            self._collector = RolloutCollector(env, policy, config.num_steps, bookkeeping)
         # The value head alone: it reads what the actor's trunk has left, so the trunk runs once.
         self.loss = ClipPPOLoss(
             model.get_policy_operator(),
@@ -95,16 +105,29 @@ class PPO:
         """Resets the environment, whatever the next batch would have begun with."""
         self._collector.reset()
 
-    def collect(self) -> TensorDictBase:
+    def collect(self, before_next: Callable[[], None] = lambda: None) -> TensorDictBase:
         """Plays ``num_steps`` steps in each match.
 
         The first call resets the environment, so it may be seeded, or used, until then.
 
+        Args:
+            before_next: Called before the next batch begins, where one is collected ahead.
+
         Returns:
             A batch of shape (num_envs, num_steps) on the CPU, valid until the next call.
         """
+        self.start()
+        if isinstance(self._collector, AheadCollector):
+            frames = self.frames + self.config.frames_per_batch
+            is_last = frames >= self.config.total_frames
+            return self._collector.collect(is_last=is_last, before_next=before_next)
         with torch_threads(self._inference_threads):
             return self._collector.collect()
+
+    def close(self) -> None:
+        """Waits for a batch that is collected ahead; only then may the environment be closed."""
+        if isinstance(self._collector, AheadCollector):
+            self._collector.close()
 
     def learn(self, batch: TensorDictBase) -> dict[str, float]:
         """Updates the model with a batch.

@@ -118,6 +118,8 @@ def train(
     device = choose_device(config.device)
     torch.manual_seed(config.seed)
     model = make_model(config, device)
+    if config.compile:
+        model.compile_trunk()
     reward = make_training_reward(config, config.run_dir)
     load_gfootball()
     run_dir = existing_run_dir(config) if resume else make_run_dir(config)
@@ -157,7 +159,8 @@ def train(
         evaluator = Evaluator(config, reward, listener.on_warning, crashes)
         stack.enter_context(contextlib.closing(evaluator))
         interrupt = stack.enter_context(Interrupt(listener.on_postponed))
-        ppo = PPO(env, model, config.ppo, bookkeeping)
+        ppo = PPO(env, model, config.ppo, bookkeeping, collect_ahead=config.collect_ahead)
+        stack.callback(ppo.close)
         monitor = Monitor(run_dir, config, reward.part_names, listener.on_warning, checkpoint)
         state = TrainingState(config, ppo, env, monitor)
         checkpoints = RunCheckpoints(config, state, lock, interrupt, listener.on_warning, frames)
@@ -206,7 +209,7 @@ def _train(
                 evaluate("current", config.interim_eval_episodes)
             started = time.perf_counter()
             with interrupt.allowed():
-                batch = ppo.collect()
+                batch = ppo.collect(before_next=state.begin_batch)
             collected = time.perf_counter()
             losses = ppo.learn(batch)
             learned = time.perf_counter()
@@ -214,7 +217,8 @@ def _train(
             metrics = monitor.log_iteration(
                 ppo.frames, batch, losses, collected - started, learned - collected
             )
-            state.begin_batch()
+            if not config.collect_ahead:
+                state.begin_batch()
             listener.on_metrics(ppo.frames, metrics)
             if keep_is_due(config, ppo.frames):
                 checkpoints.keep()
