@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import multiprocessing
 import os
+import random
 import signal
 
 import pytest
@@ -28,24 +29,40 @@ CONFIG = TrainConfig(
 )
 
 
-def test_threads_and_processes_train_alike_and_either_goes_on_with_the_other(tmp_path):
+@pytest.fixture
+def stop_after(monkeypatch):
+    """Makes the matches send their process a signal after a number of steps, wherever that is."""
+    step = process_vector_env.FootballProcessVectorEnv.step
+    left = [0]
+
+    def counting_step(self, actions):
+        left[0] -= 1
+        if left[0] == 0:
+            signal.raise_signal(signal.SIGTERM)
+        return step(self, actions)
+
+    monkeypatch.setattr(process_vector_env.FootballProcessVectorEnv, "step", counting_step)
+
+    def stop_after(steps):
+        left[0] = steps
+
+    return stop_after
+
+
+@pytest.mark.slow
+def test_processes_that_stop_at_ten_moments_train_as_threads_that_do_not(tmp_path, stop_after):
     threads = dataclasses.replace(CONFIG, collector="threads", run_dir=tmp_path / "threads")
     train(threads)
-    # The schedule of the learning rate is that of the whole training.
-    stopped = dataclasses.replace(CONFIG, run_dir=tmp_path / "processes")
-    stop_after(stopped, frames=256)
-    assert load_checkpoint(stopped.run_dir)["frames"] < CONFIG.ppo.total_frames
-    train(dataclasses.replace(stopped, collector="threads"), resume=True)
-    assert_same_run(stopped.run_dir, threads.run_dir)
-
-
-def stop_after(config, frames):
-    def on_metrics(done, _):
-        if done >= frames:
-            os.kill(os.getpid(), signal.SIGTERM)
-
-    result = train(config, TrainListener(on_metrics=on_metrics))
-    assert result.interrupted
+    processes = dataclasses.replace(CONFIG, run_dir=tmp_path / "processes")
+    moments = random.Random(0)
+    for stop in range(10):
+        # Some of them in the first batch, which then begins anew; most further on.
+        stop_after(moments.randint(1, 100))
+        assert train(processes, resume=stop > 0).interrupted
+    stop_after(0)
+    # The last part in threads: either goes on with the other's checkpoints.
+    assert train(dataclasses.replace(processes, collector="threads"), resume=True).frames == 512
+    assert_same_run(processes.run_dir, threads.run_dir)
 
 
 def kill_a_worker():
