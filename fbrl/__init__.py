@@ -14,6 +14,6 @@ for _name in SCENARIOS:
     gymnasium.register(
         id=f"fbrl/{_name}-v0",
         entry_point="fbrl.envs.football:FootballEnv",
-        vector_entry_point="fbrl.envs.football:FootballVectorEnv",
+        vector_entry_point="fbrl.envs.vector_env:FootballVectorEnv",
         kwargs={"scenario": _name},
     )

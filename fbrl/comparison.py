@@ -16,7 +16,7 @@ from fbrl.agent import load_agent, make_training_reward
 from fbrl.config import TrainConfig
 from fbrl.envs import make_env
 from fbrl.envs.factory import EPISODE_PREFIX
-from fbrl.envs.football import ActionSet
+from fbrl.envs.vector_env import ActionSet
 from fbrl.evaluate import Evaluation, Policy, evaluate, other_seed
 from fbrl.policies import make_policy
 from fbrl.run_groups import RunGroup, group_runs

@@ -8,7 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from fbrl.counts import check_count
 from fbrl.envs.engine import BUILTIN_AI, NUM_ACTIONS
-from fbrl.envs.football import ActionSet
+from fbrl.envs.vector_env import ActionSet
 from fbrl.names import check_name
 
 POLICIES = ("random", "idle", "builtin-ai")

@@ -18,7 +18,7 @@ from fbrl.agent import make_model, make_training_reward
 from fbrl.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from fbrl.cli.train import parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
-from fbrl.envs.football import FootballVectorEnv
+from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo import run_checkpoints, trainer
 from fbrl.ppo.trainer import TrainListener, evaluation_is_due, train

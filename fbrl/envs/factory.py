@@ -16,10 +16,10 @@ from torchrl.envs import (
 
 from fbrl.envs.episode_bookkeeping import EPISODE_LENGTH, EPISODE_PREFIX, EpisodeBookkeeping
 from fbrl.envs.episode_seeds import check_seed
-from fbrl.envs.football import ActionSet, FootballVectorEnv
 from fbrl.envs.observation import OBSERVATION_SPACE, select_space
 from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 from fbrl.envs.torchrl_matches import FootballMatches
+from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
 from fbrl.names import check_name
 from fbrl.transforms import (
     AssistDensityPotential,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-from fbrl.envs.football import ActionSet, FootballVectorEnv
+from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from gymnasium.vector.utils import batch_space
 from fbrl.counts import check_count
 from fbrl.envs.arguments import check_actions, check_mask, check_options
 from fbrl.envs.episode_seeds import spread_seed
-from fbrl.envs.football import ACTIONS_IN_SET, ActionSet
 from fbrl.envs.match_worker import WorkerSettings, play_matches_for
 from fbrl.envs.observation import Observation, select_space
 from fbrl.envs.scenarios import check_scenario
+from fbrl.envs.vector_env import ACTIONS_IN_SET, ActionSet
 from fbrl.names import check_name
 
 CORES_PER_WORKER = 4

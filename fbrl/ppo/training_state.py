@@ -17,8 +17,8 @@ from fbrl.config import (
     config_to_dict,
 )
 from fbrl.crash_report import seed_after_crashes
-from fbrl.envs.football import FootballVectorEnv
 from fbrl.envs.process_vector_env import FootballProcessVectorEnv
+from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.evaluate import Evaluation
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO

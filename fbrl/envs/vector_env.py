@@ -1,0 +1,241 @@
+"""Many football matches as one Gymnasium environment, stepped by a pool of threads."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import functools
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from fbrl.counts import check_count
+from fbrl.envs.arguments import check_actions, check_mask, check_options
+from fbrl.envs.engine import NUM_ACTIONS, Match, MatchState, StepResult
+from fbrl.envs.episode_seeds import EpisodeSeeds, spread_seed
+from fbrl.envs.match_row import RowLayout
+from fbrl.envs.match_threads import MatchThreads
+from fbrl.envs.observation import Observation, select_space
+from fbrl.envs.scenarios import check_scenario
+from fbrl.names import check_name
+
+ActionSet = Literal["default", "v2"]
+"""Gfootball's names: 19 actions, or these and :data:`~fbrl.envs.engine.BUILTIN_AI`."""
+
+ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
+
+
+class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
+    """Several independent matches of one scenario, stepped by a pool of threads.
+
+    The engine releases the GIL while it computes, so threads of one process are as parallel as
+    processes, with no pickling, no copies between processes and less memory. Match i plays
+    exactly what a :class:`FootballEnv` with the same seed and actions plays.
+
+    Args:
+        scenario: As for :class:`FootballEnv`.
+        num_envs: Number of matches.
+        num_threads: Threads that step them; by default one for each available core, at most
+            ``num_envs``.
+        observation_keys: As for :class:`FootballEnv`.
+        action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
+
+    Raises:
+        ValueError: ``num_envs`` or ``num_threads`` is not positive, or a key is unknown.
+        TypeError: One of these is no integer, or the keys are no list of names.
+        UnknownNameError: There is no such scenario.
+        EngineNotInstalledError: gfootball is missing.
+
+    Matches do not start again by themselves (``AutoresetMode.DISABLED``): after an episode's
+    end, call ``reset(options={"reset_mask": mask})``. TorchRL's ``GymWrapper`` does so. With
+    any other mode TorchRL would lose the last state of each episode.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (the base class's type)
+        "autoreset_mode": AutoresetMode.DISABLED,
+        "render_modes": [],
+    }
+
+    def __init__(
+        self,
+        scenario: str,
+        num_envs: int = 1,
+        num_threads: int | None = None,
+        observation_keys: Iterable[str] | None = None,
+        action_set: ActionSet = "default",
+    ) -> None:
+        self.num_envs = num_envs = check_count("num_envs", num_envs)
+        if num_threads is not None:
+            num_threads = check_count("num_threads", num_threads)
+        self.scenario = check_scenario(scenario)
+        # TorchRL's GymWrapper asks the instance, not its metadata.
+        self.autoreset_mode = AutoresetMode.DISABLED
+        self.single_observation_space: spaces.Dict = select_space(observation_keys)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._num_actions = ACTIONS_IN_SET[check_name("action_set", action_set, ACTIONS_IN_SET)]
+        self.single_action_space = spaces.Discrete(self._num_actions)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._matches = [Match(scenario) for _ in range(num_envs)]
+        self._layout = RowLayout(self.single_observation_space)
+        self._rows = self._layout.rows(num_envs)
+        self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
+        # A match that ends begins its next episode at once, on the thread that stepped it, while
+        # the other threads still step: what reset() asks for is then there.
+        self._next_episodes: dict[int, EpisodeSeeds] = {}
+        self._next_rows = self._layout.rows(num_envs)
+        self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
+        describe = functools.partial(_describe_match, scenario, self._episodes)
+        self._threads = MatchThreads(self.num_threads, describe)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts an episode in all matches, or in those of a mask.
+
+        Args:
+            seed: One integer, from which an independent seed for each match is spawned; or a
+                seed for each match, which are then its engine seeds.
+            options: ``{"reset_mask": mask}`` with a boolean array of shape (num_envs,) resets
+                only the matches where it is true; the others are observed as they stand.
+
+        Raises:
+            ValueError: A seed is out of range, the mask or the seeds have another length, or there
+                are other options.
+            RuntimeError: The environment is closed.
+        """
+        self._check_open()
+        mask = check_mask(check_options(options, ("reset_mask",)).get("reset_mask"), self.num_envs)
+        seeds = self._spread_seed(seed)
+        chosen = np.flatnonzero(mask).tolist()
+        self._threads.map(self._reset_match, chosen, [seeds[index] for index in chosen])
+        info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
+        info["engine_seed"][chosen] = [self._episodes[index].engine_seed for index in chosen]
+        return self._layout.split(self._rows), info
+
+    @property
+    def episodes(self) -> list[tuple[int, int]]:
+        """Engine seed and number of each match's episode, which decide all but the actions."""
+        return [(episode.engine_seed, episode.number) for episode in self._episodes]
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Plays one step in every match.
+
+        Args:
+            actions: Integers in [0, 18] (19 with action set v2), shape (num_envs,).
+
+        Raises:
+            ValueError: The actions have another shape, dtype or range.
+            RuntimeError: A match has not begun or has ended, or the environment is closed.
+        """
+        self._check_open()
+        actions = check_actions(actions, self.num_envs, self._num_actions)
+        self._check_running("step()")
+        results = self._threads.map(self._step_match, range(self.num_envs), actions.tolist())
+        return (
+            self._layout.split(self._rows),
+            np.array([result.reward for result in results], np.float32),
+            np.array([result.terminated for result in results]),
+            np.array([result.truncated for result in results]),
+            {},
+        )
+
+    def get_state(self) -> list[dict[str, Any]]:
+        """The state of each match, which has to be running, and of its next episodes' seeds.
+
+        Numbers, strings and bytes; 30 to 80 KB for each match.
+
+        Raises:
+            RuntimeError: A match has not begun or has ended.
+        """
+        self._check_running("get_state()")
+        return [
+            {"match": dataclasses.asdict(match.get_state()), "episodes": episodes.get_state()}
+            for match, episodes in zip(self._matches, self._episodes, strict=True)
+        ]
+
+    def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
+        """Goes on from a state: all matches, and those after them, then replay exactly.
+
+        Args:
+            states: Of as many matches of this scenario, from a source that is trusted: see
+                :meth:`fbrl.envs.engine.Match.set_state`.
+
+        Raises:
+            ValueError: They are not, as far as can be seen.
+        """
+        if not isinstance(states, Sequence) or len(states) != self.num_envs:
+            number = len(states) if isinstance(states, Sequence) else repr(states)
+            raise ValueError(f"There are states of {number} matches for {self.num_envs} matches.")
+        self._threads.map(self._set_match_state, range(self.num_envs), states)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Ends the threads and hands the engines on to the next matches of this process."""
+        self._threads.close()
+        for match in self._matches:
+            match.close()
+
+    def _reset_match(self, index: int, seed: int | None) -> None:
+        episodes = self._next_episodes.pop(index, None)
+        if episodes and seed is None:
+            self._episodes[index] = episodes
+            self._rows[index] = self._next_rows[index]
+        else:
+            self._episodes[index].advance(seed)
+            self._begin_episode(index, self._episodes[index], self._rows)
+
+    def _begin_episode(self, index: int, episodes: EpisodeSeeds, rows: np.ndarray) -> None:
+        match = self._matches[index]
+        match.reset(episodes.engine_seed, episodes.number)
+        match.read(rows[index], self._layout)
+
+    def _step_match(self, index: int, action: int) -> StepResult:
+        match = self._matches[index]
+        result = match.step(action)
+        match.read(self._rows[index], self._layout)
+        if result.terminated or result.truncated:
+            episodes = copy.deepcopy(self._episodes[index])
+            episodes.advance()
+            self._begin_episode(index, episodes, self._next_rows)
+            self._next_episodes[index] = episodes
+        return result
+
+    def _set_match_state(self, index: int, state: Mapping[str, Any]) -> None:
+        match = self._matches[index]
+        try:
+            match.set_state(MatchState(**state["match"]))
+            match.read(self._rows[index], self._layout)
+            self._episodes[index].set_state(state["episodes"])
+            self._next_episodes.pop(index, None)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise ValueError(f"State {index} is not that of a match ({reason}).") from error
+
+    def _check_running(self, call: str) -> None:
+        if self._next_episodes:
+            raise RuntimeError(
+                f"Matches {sorted(self._next_episodes)} of {self.scenario!r} have ended: call "
+                f"reset(options={{'reset_mask': mask}}) for them before {call}."
+            )
+
+    def _spread_seed(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        return spread_seed(seed, self.num_envs)
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")
+
+
+def _describe_match(scenario: str, episodes: Sequence[EpisodeSeeds], index: int) -> str:
+    episode = episodes[index]
+    seed, number = episode.engine_seed, episode.number
+    return f"match {index} of {scenario} (engine seed {seed}, episode {number})"
