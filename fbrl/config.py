@@ -33,6 +33,7 @@ CHANGEABLE_ON_RESUME = (
     "num_workers",
     "collect_ahead",
     "compile",
+    "cuda_graphs",
     "checkpoint_interval",
     "checkpoint_keep_interval",
     "eval_interval",
@@ -192,6 +193,9 @@ class TrainConfig:
     compile: bool = False
     """Compile the network with torch.compile, which takes a C++ compiler and up to minutes at the
     start. Losses differ in their last digits."""
+
+    cuda_graphs: bool = False
+    """Compile the network into CUDA graphs; on a CPU the same as --compile."""
 
     run_dir: Path | None = None
     """New directory for logs and checkpoints; by default one below runs/ that is named after

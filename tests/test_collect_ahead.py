@@ -67,20 +67,22 @@ def test_such_a_training_ends_and_goes_on_like_any_other(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("observation", ["simple115", "minimap"])
-def test_a_compiled_network_has_the_losses_of_the_other(tmp_path, observation):
+@pytest.mark.parametrize(
+    ("observation", "option"),
+    [("simple115", "compile"), ("simple115", "cuda_graphs"), ("minimap", "compile")],
+)
+def test_a_compiled_network_has_the_losses_of_the_other(tmp_path, observation, option):
     metrics = {}
     for is_compiled in (False, True):
         config = TrainConfig(
             SCENARIO,
             observation=observation,
             hidden_sizes=(16,),
-            compile=is_compiled,
             eval_episodes=0,
             run_dir=tmp_path / str(is_compiled),
             ppo=PPOConfig(total_frames=32, num_envs=2, num_steps=16, num_epochs=1),
         )
-        train(config)
+        train(dataclasses.replace(config, **{option: is_compiled}))
         log = read_run_log(config.run_dir)
         metrics[is_compiled] = torch.tensor(
             [log.metric(f"ppo/{name}") for name in ("policy_loss", "value_loss", "gradient_norm")]

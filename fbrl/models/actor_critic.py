@@ -76,12 +76,17 @@ class ActorCritic(ActorValueOperator):
             ValueOperator(value_head, in_keys=["hidden"]),
         )
 
-    def compile_trunk(self) -> None:
+    def compile_trunk(self, *, cuda_graphs: bool = False) -> None:
         """Compiles the trunk, when it is first called, with ``torch.compile``, in place.
 
         It keeps its parameters and their names.
+
+        Args:
+            cuda_graphs: Let each call replay a CUDA graph, without the launch of each kernel; the
+                same as without on a CPU.
         """
-        self.get_submodule("module.0.module").compile()
+        mode = "reduce-overhead" if cuda_graphs else "default"
+        self.get_submodule("module.0.module").compile(mode=mode)
 
     def get_collection_policy(self) -> CollectionPolicy:
         """Returns the policy that acts in the environment; it shares the parameters."""
@@ -122,6 +127,7 @@ class CollectionPolicy(TensorDictModuleBase):
         self.value_head = value_head
         self.in_keys = [observation_key]
         self.out_keys = ["action", "action_log_prob", "state_value"]
+        self._pinned: torch.Tensor | None = None
 
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -132,7 +138,7 @@ class CollectionPolicy(TensorDictModuleBase):
                 f"The policy reads {self.in_keys[0]!r}, which is not in the tensordict: it has "
                 f"{sorted(map(str, tensordict.keys()))}. Give the environment its observation."
             )
-        hidden = self.trunk(observation.to(self.value_head.weight.device, non_blocking=True))
+        hidden = self.trunk(self._on_device(observation))
         logits = self.policy_head(hidden)
         # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
         log_probs = logits - logits.logsumexp(-1, keepdim=True)
@@ -142,6 +148,16 @@ class CollectionPolicy(TensorDictModuleBase):
         tensordict.set("action_log_prob", log_prob.to(observation.device))
         tensordict.set("state_value", self.value_head(hidden).to(observation.device))
         return tensordict
+
+    def _on_device(self, observation: torch.Tensor) -> torch.Tensor:
+        device = self.value_head.weight.device
+        if observation.device == device or device.type != "cuda":
+            return observation.to(device)
+        if self._pinned is None or self._pinned.shape != observation.shape:
+            self._pinned = torch.empty_like(observation, pin_memory=True)
+        # Only from pinned memory the CPU need not wait for the transfer. It waits for the actions,
+        # after which the next observation may take this one's place.
+        return self._pinned.copy_(observation).to(device, non_blocking=True)
 
 
 def build_actor_critic(

@@ -118,8 +118,8 @@ def train(
     device = choose_device(config.device)
     torch.manual_seed(config.seed)
     model = make_model(config, device)
-    if config.compile:
-        model.compile_trunk()
+    if config.compile or config.cuda_graphs:
+        model.compile_trunk(cuda_graphs=config.cuda_graphs)
     reward = make_training_reward(config, config.run_dir)
     load_gfootball()
     run_dir = existing_run_dir(config) if resume else make_run_dir(config)
