@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import contextlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -15,7 +16,31 @@ from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.models.impala import ImpalaCNN
 
 
-class RolloutCollector:
+class BatchCollector(abc.ABC):
+    """What collects batches for PPO.
+
+    Attributes:
+        state: What the next batch begins with, shape (num_envs,), as far as this process knows it;
+            None until the matches have begun.
+    """
+
+    def __init__(self) -> None:
+        self.state: TensorDictBase | None = None
+
+    @abc.abstractmethod
+    def set_seed(self, seed: int) -> None:
+        """Seeds the matches that begin with the next reset."""
+
+    @abc.abstractmethod
+    def reset(self) -> TensorDictBase:
+        """Starts an episode in every match, and returns what they begin with."""
+
+    @abc.abstractmethod
+    def collect(self) -> TensorDictBase:
+        """Returns a batch of shape (num_envs, num_steps), after a reset the first time."""
+
+
+class RolloutCollector(BatchCollector):
     """Steps all matches together in this process, batch after batch, without resetting between.
 
     The matches run in the environment's own threads on the CPU, where the batches lie too. The
@@ -44,12 +69,16 @@ class RolloutCollector:
         num_steps: int,
         bookkeeping: EpisodeBookkeeping | None = None,
     ) -> None:
+        super().__init__()
         self._env = env
         self.policy = policy
         self._num_steps = num_steps
         self._bookkeeping = bookkeeping
         self._batch: TensorDictBase | None = None
-        self.state: TensorDictBase | None = None
+
+    def set_seed(self, seed: int) -> None:
+        """Seeds the matches that begin with the next reset."""
+        self._env.set_seed(seed)
 
     @torch.no_grad()
     def reset(self) -> TensorDictBase:

@@ -19,7 +19,7 @@ REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")
 OBSERVATION_NAMES = ("minimap", "smm", "simple115")
 TRANSITION_NAMES = ("possession", "consecutive")
 ACTIVATION_NAMES = ("relu", "tanh")
-COLLECTOR_NAMES = ("threads", "processes")
+COLLECTOR_NAMES = ("threads", "processes", "ray")
 _REWARD_OPTIONS = {
     "density": ("analytics", "potential"),
     "transition": ("analytics",),
@@ -180,11 +180,13 @@ class TrainConfig:
     """Threads that play the matches; by default one for each available core."""
 
     collector: str = "threads"
-    """Where the matches are played: threads of this process, or processes of threads, which suit
-    many cores, and are replaced when the engine crashes or hangs."""
+    """Where the matches are played: threads of this process; processes of threads, which suit many
+    cores, and are replaced when the engine crashes or hangs; or ray, workers on the nodes of a Ray
+    cluster, which wants pip install 'fbrl[ray]'."""
 
     num_workers: int | None = None
-    """Processes that play the matches; by default one for every 4 cores, at least 2."""
+    """Processes that play the matches; by default one for every 4 cores, at least 2. With ray one
+    for each node, and they have to divide num_envs."""
 
     collect_ahead: bool = False
     """Collect the next batch while learning from one, with the weights of one update before. For a
@@ -252,8 +254,15 @@ class TrainConfig:
         for name in ("num_threads", "num_workers"):
             value = getattr(self, name)
             _check(self, name, value is None or value >= 1, "at least 1")
-        if self.num_workers and self.collector != "processes":
-            raise ConfigError("num_workers is only used with the collector processes.")
+        if self.num_workers and self.collector == "threads":
+            raise ConfigError("num_workers is only used with the collector processes or ray.")
+        if self.collector == "ray" and self.collect_ahead:
+            raise ConfigError("collect_ahead is only used with the collector threads or processes.")
+        if self.collector == "ray" and self.ppo.num_envs % (self.num_workers or 1):
+            raise ConfigError(
+                f"num_workers is {self.num_workers}; to share {self.ppo.num_envs} matches "
+                "(num_envs) out evenly to ray's workers it must divide them."
+            )
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
         for name in ("checkpoint_keep_interval", "hang_timeout", "eval_episodes", "eval_interval"):
             _check(self, name, getattr(self, name) >= 0, "at least 0")

@@ -11,7 +11,13 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 from torchrl.objectives import ClipPPOLoss
 
-from fbrl.collect import AheadCollector, RolloutCollector, inference_threads, torch_threads
+from fbrl.collect import (
+    AheadCollector,
+    BatchCollector,
+    RolloutCollector,
+    inference_threads,
+    torch_threads,
+)
 from fbrl.config import PPOConfig
 from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.models.actor_critic import ActorCritic
@@ -23,7 +29,7 @@ class PPO:
     """Collects batches and learns from them; training is ``collect`` and ``learn`` in turn.
 
     Args:
-        env: Vectorised environment with batch size (num_envs,).
+        env: Vectorised environment with batch size (num_envs,), or what collects in its place.
         model: Actor-critic whose trunk reads the environment's observation. It is trained in
             place, on the device where it is.
         config: Hyperparameters.
@@ -49,7 +55,7 @@ class PPO:
 
     def __init__(
         self,
-        env: EnvBase,
+        env: EnvBase | BatchCollector,
         model: ActorCritic,
         config: PPOConfig,
         bookkeeping: EpisodeBookkeeping | None = None,
@@ -62,8 +68,10 @@ class PPO:
         self.frames = 0
         policy = model.get_collection_policy()
         self._inference_threads = inference_threads(policy)
-        self._collector: RolloutCollector | AheadCollector
-        if collect_ahead:
+        self._collector: BatchCollector | AheadCollector
+        if isinstance(env, BatchCollector):
+            self._collector = env
+        elif collect_ahead:
             own = RolloutCollector(env, copy.deepcopy(policy), config.num_steps, bookkeeping)
             self._collector = AheadCollector(own, policy)
         else:

@@ -20,7 +20,6 @@ from fbrl.config import TrainConfig, save_config
 from fbrl.crash_report import CrashReport, set_crash_report_aside
 from fbrl.device import choose_device
 from fbrl.envs.engine import load_gfootball
-from fbrl.envs.factory import make_collection_env
 from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.evaluate import Evaluation
 from fbrl.interrupt import Interrupt, Interrupted
@@ -28,17 +27,15 @@ from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
 from fbrl.ppo.evaluator import Evaluator
 from fbrl.ppo.run_checkpoints import RunCheckpoints
-from fbrl.ppo.training_state import TrainingState, check_resumable, crashes_before
+from fbrl.ppo.training_matches import training_matches
+from fbrl.ppo.training_state import TrainingState, check_resumable, crashes_before, has_matches
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.ppo.watchdog import Watchdog
+from fbrl.ray_cluster import connected_to_ray, workers_and_cpus
 from fbrl.run_dir import RunDirLock, RunDirReplacedError, existing_run_dir, make_run_dir
 
 HUNG = 1
 """Exit code of a process in which the engine hangs."""
-
-
-WORKER_TIMEOUT = 20
-"""Seconds without an answer after which a process that plays matches is replaced."""
 
 
 @dataclass(frozen=True)
@@ -122,9 +119,12 @@ def train(
         model.compile_trunk(cuda_graphs=config.cuda_graphs)
     reward = make_training_reward(config, config.run_dir)
     load_gfootball()
-    run_dir = existing_run_dir(config) if resume else make_run_dir(config)
-    config = dataclasses.replace(config, run_dir=run_dir)
     with contextlib.ExitStack() as stack:
+        if config.collector == "ray":
+            stack.enter_context(connected_to_ray())
+            workers_and_cpus(config)
+        run_dir = existing_run_dir(config) if resume else make_run_dir(config)
+        config = dataclasses.replace(config, run_dir=run_dir)
         lock = stack.enter_context(contextlib.closing(RunDirLock(run_dir)))
         checkpoint, crash, crashes = None, None, 0
         if resume:
@@ -143,19 +143,14 @@ def train(
                 f"The training had crashed, see {crash}. It goes on from its last checkpoint with "
                 "other matches and random numbers, so as not to end in the same crash."
             )
-        env, bookkeeping = make_collection_env(
-            config.scenario,
-            num_envs=config.ppo.num_envs,
-            reward=reward,
-            observation=config.observation,
-            num_threads=config.num_threads,
-            collector=config.collector,
-            num_workers=config.num_workers,
-            worker_timeout=min(config.hang_timeout, WORKER_TIMEOUT),
-            on_restart=listener.on_warning,
-            seed=config.seed,
+        if checkpoint and (config.collector == "ray" or not has_matches(checkpoint)):
+            listener.on_warning(
+                "The matches of Ray's workers are in no checkpoint: new ones begin, with the "
+                "weights, the optimiser and the counters that were saved."
+            )
+        env, bookkeeping = stack.enter_context(
+            training_matches(config, model, reward, listener.on_warning)
         )
-        stack.enter_context(contextlib.closing(env))
         evaluator = Evaluator(config, reward, listener.on_warning, crashes)
         stack.enter_context(contextlib.closing(evaluator))
         interrupt = stack.enter_context(Interrupt(listener.on_postponed))

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 import torch
 from torchrl.envs import EnvBase
 
 from fbrl.checkpoint import CheckpointError
+from fbrl.collect import BatchCollector
 from fbrl.config import (
     CHANGEABLE_ON_RESUME,
     ConfigError,
@@ -34,7 +36,8 @@ class TrainingState:
     Args:
         config: The training.
         ppo: What has been learned.
-        env: The training's matches, as :func:`fbrl.envs.make_env` makes them.
+        env: The training's matches, as :func:`fbrl.envs.make_env` makes them. Of a collector in
+            their place the matches are not in the state: the training goes on with others.
         monitor: What has been logged.
 
     Attributes:
@@ -44,14 +47,18 @@ class TrainingState:
         best_goal_difference: The highest mean of an evaluation so far; None before the first.
     """
 
-    def __init__(self, config: TrainConfig, ppo: PPO, env: EnvBase, monitor: Monitor) -> None:
+    def __init__(
+        self, config: TrainConfig, ppo: PPO, env: EnvBase | BatchCollector, monitor: Monitor
+    ) -> None:
         self.crashes = 0
         self.evaluated_at: int | None = None
         self.best_goal_difference: float | None = None
         self._config = config
         self.ppo = ppo
         self._env = env
-        self._matches: FootballVectorEnv | FootballProcessVectorEnv = env.base_env._env
+        self._matches: FootballVectorEnv | FootballProcessVectorEnv | None = (
+            env.base_env._env if isinstance(env, EnvBase) else None
+        )
         self.monitor = monitor
         self._batch_start: dict[str, Any] = {}
 
@@ -59,8 +66,9 @@ class TrainingState:
         """Remembers the matches and the random numbers, which the next batch begins with."""
         self.ppo.start()
         on_gpu = self.ppo.device.type == "cuda"
+        matches = self._matches.get_state() if self._matches is not None else []
         self._batch_start = {
-            "matches": [_with_engine(state, _to_tensor) for state in self._matches.get_state()],
+            "matches": [_with_engine(match, _to_tensor) for match in matches],
             "random_numbers": {
                 "cpu": torch.get_rng_state(),
                 "cuda": torch.cuda.get_rng_state(self.ppo.device) if on_gpu else None,
@@ -107,9 +115,13 @@ class TrainingState:
         try:
             self._load(state)
             if after_crash:
-                self._begin_other_matches()
+                self.crashes += 1
+                seed = seed_after_crashes(self._config.seed, self.crashes)
+                torch.manual_seed(seed)
+                self._begin_other_matches(seed)
             else:
-                self._load_batch_start(state)
+                self._load_random_numbers(state)
+                self._load_matches(state)
         except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             raise CheckpointError(
                 f"The checkpoint is not that of this training ({error!r:.200})."
@@ -119,18 +131,23 @@ class TrainingState:
         self.crashes = crashes_before(state)
         self.evaluated_at = state["evaluated_at"]
         self.best_goal_difference = state["best_goal_difference"]
-        self._check_next_step(state["next_step"])
+        if self._matches is not None and has_matches(state):
+            self._check_next_step(state["next_step"])
         self.ppo.load_state_dict(state)
 
-    def _begin_other_matches(self) -> None:
-        self.crashes += 1
-        seed = seed_after_crashes(self._config.seed, self.crashes)
-        torch.manual_seed(seed)
+    def _begin_other_matches(self, seed: int) -> None:
         self._env.set_seed(seed)
         self.ppo.restart()
 
-    def _load_batch_start(self, state: Mapping[str, Any]) -> None:
-        self._matches.set_state([_with_engine(match, _to_bytes) for match in state["matches"]])
+    def _load_matches(self, state: Mapping[str, Any]) -> None:
+        if self._matches is not None and has_matches(state):
+            self._matches.set_state([_with_engine(match, _to_bytes) for match in state["matches"]])
+        else:
+            # Those of the training's own seed would be its first ones again.
+            seeds = np.random.SeedSequence([self._config.seed, self.crashes, state["frames"]])
+            self._begin_other_matches(int(seeds.generate_state(1)[0]))
+
+    def _load_random_numbers(self, state: Mapping[str, Any]) -> None:
         torch.set_rng_state(state["random_numbers"]["cpu"])
         on_gpu = state["random_numbers"]["cuda"]
         # On another kind of device the numbers that follow are others in any case.
@@ -138,6 +155,7 @@ class TrainingState:
             torch.cuda.set_rng_state(on_gpu, self.ppo.device)
 
     def _check_next_step(self, next_step: Mapping[str, torch.Tensor]) -> None:
+        assert isinstance(self._env, EnvBase)
         for key, spec in self._env.observation_spec.items(True, True):
             entry = next_step[key]
             if entry.shape != spec.shape or entry.dtype != spec.dtype:
@@ -157,6 +175,11 @@ _KINDS: dict[str, Any] = {
     "best_goal_difference": float | None,
 }
 """What a training goes on from, and what each is."""
+
+
+def has_matches(state: Mapping[str, Any]) -> bool:
+    """Whether a checkpoint has any trace of its matches, as those of Ray's workers have not."""
+    return bool(state["matches"] or state["next_step"])
 
 
 def crashes_before(state: Mapping[str, Any]) -> int:

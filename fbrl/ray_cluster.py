@@ -1,0 +1,121 @@
+"""The Ray cluster that matches, or whole trainings, are spread over."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+from fbrl.config import ConfigError, TrainConfig
+
+ADDRESS_VARIABLE = "RAY_ADDRESS"
+
+
+@contextlib.contextmanager
+def connected_to_ray(num_cpus: int | None = None) -> Iterator[None]:
+    """Connects this process to a Ray cluster, unless it is connected already.
+
+    To that of ``RAY_ADDRESS``, else to the one that ``ray start`` has started on this machine.
+    Without either, or with ``RAY_ADDRESS=local``, one of this machine alone is started: without
+    Ray's dashboard, reachable from this machine only, and ended with the context. What workers
+    print is in Ray's logs.
+
+    Args:
+        num_cpus: CPUs of a cluster that is started; by default those of the machine.
+
+    Raises:
+        ConfigError: Ray is not installed, or the cluster can't be reached.
+
+    Examples:
+        >>> with connected_to_ray():  # doctest: +SKIP
+        ...     ray.nodes()
+    """
+    try:
+        import ray
+    except ImportError as error:
+        raise ConfigError("Ray is not installed: pip install 'fbrl[ray]'.") from error
+    if ray.is_initialized():
+        yield
+        return
+    _connect(num_cpus)
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+def _connect(num_cpus: int | None) -> None:
+    import ray
+
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+    address = os.environ.get(ADDRESS_VARIABLE)
+    if address not in (None, "auto", "local"):
+        _check_reachable(address)
+    try:
+        if address != "local":
+            ray.init(address="auto", **quiet)
+            return
+    except ConnectionError as error:
+        if address:
+            raise ConfigError(_unreachable(address, error)) from error
+    from ray._private import ray_constants
+
+    # As on Windows and macOS, where Ray keeps to the loopback interface. It has no option for it,
+    # and takes even an address of that interface for the machine's in its network.
+    ray_constants.ENABLE_RAY_CLUSTER = False
+    try:
+        ray.init(address="local", num_cpus=num_cpus, include_dashboard=False, **quiet)
+    finally:
+        ray_constants.ENABLE_RAY_CLUSTER = True
+
+
+def _check_reachable(address: str) -> None:
+    """Asks what Ray asks for minutes."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+    except (OSError, ValueError) as error:
+        raise ConfigError(_unreachable(address, error)) from error
+
+
+def _unreachable(address: str, error: Exception) -> str:
+    reason = str(error).splitlines()[0]
+    return f"The Ray cluster at {ADDRESS_VARIABLE}={address} can't be reached ({reason})."
+
+
+def workers_and_cpus(config: TrainConfig) -> tuple[int, int]:
+    """How many workers play the matches of a training, and with how many CPUs each.
+
+    As many workers as the configuration says, or one for each node, as far as they share the
+    matches out evenly. As many CPUs as each of them can have on one node, or what the
+    configuration's threads come to.
+
+    Raises:
+        ConfigError: The cluster that this process is connected to has no room for them.
+    """
+    import ray
+
+    cpus = [int(node["Resources"].get("CPU", 0)) for node in ray.nodes() if node["Alive"]]
+    nodes = [number for number in cpus if number]
+    workers = config.num_workers or even_share(config.ppo.num_envs, len(nodes))
+    wanted = max(1, (config.num_threads or sum(nodes)) // workers)
+    if not config.num_threads:
+        while wanted > 1 and _places(nodes, wanted) < workers:
+            wanted -= 1
+    if _places(nodes, wanted) < workers:
+        raise ConfigError(
+            f"The nodes of the Ray cluster have {', '.join(map(str, nodes)) or 'no'} CPUs: no room "
+            f"for {workers} workers with {wanted} each. Set --num-workers and --num-threads lower."
+        )
+    return workers, wanted
+
+
+def even_share(num_envs: int, most: int) -> int:
+    """The largest number of workers, up to a number, that matches can be shared out to evenly."""
+    return next(workers for workers in range(max(most, 1), 0, -1) if num_envs % workers == 0)
+
+
+def _places(nodes: list[int], wanted: int) -> int:
+    return sum(cpus // wanted for cpus in nodes)
