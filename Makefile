@@ -29,7 +29,8 @@ lint: setup ## Style, format and type checks, and known vulnerabilities of what 
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/shellcheck --external-sources scripts/setup.sh scripts/setup/*.sh .ci/run
+	$(BIN)/shellcheck --external-sources scripts/setup.sh scripts/setup/*.sh .ci/run \
+		experiments/sweep/slurm.sh
 	$(BIN)/python scripts/audit.py
 
 test: lint ## All checks: lint and the test suite
