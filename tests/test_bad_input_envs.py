@@ -67,7 +67,7 @@ def test_a_wrong_number_of_matches_or_threads_is_named(arguments, error, message
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"reward": None}, TypeError, "The reward is None; .* analytics, checkpoints, scoring"),
+        ({"reward": None}, TypeError, "The reward is None; .* analytics, potential, checkpoints"),
         ({"reward": AssistDensityReward}, TypeError, "must be a ScoringReward"),
         ({"reward": Simple115()}, TypeError, "must be a ScoringReward"),
         ({"observation": 5}, TypeError, "The observation is 5; .* minimap, smm, simple115"),
