@@ -20,7 +20,7 @@ from fbrl.cli.train import parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
-from fbrl.ppo import run_checkpoints, trainer
+from fbrl.ppo import run_checkpoints, trainer, training_matches
 from fbrl.ppo.trainer import TrainListener, evaluation_is_due, train
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.run_log import read_run_log
@@ -75,8 +75,8 @@ def test_settings_reach_the_environment_and_the_reward(config, monkeypatch):
         made.update(options, scenario=scenario)
         return original(scenario, **options)
 
-    original = trainer.make_collection_env
-    monkeypatch.setattr(trainer, "make_collection_env", make_collection_env)
+    original = training_matches.make_collection_env
+    monkeypatch.setattr(training_matches, "make_collection_env", make_collection_env)
     config = dataclasses.replace(
         config, transition="consecutive", num_threads=1, observation="minimap", eval_episodes=0
     )
