@@ -13,6 +13,7 @@ from torchrl.envs import GymWrapper
 from torchrl.envs.utils import RandomPolicy, check_env_specs
 
 from fbrl.envs import FootballEnv, FootballVectorEnv
+from fbrl.envs.episode_seeds import spread_seed
 from fbrl.names import UnknownNameError
 
 SCENARIO = "academy_3_vs_1_with_keeper"
@@ -147,7 +148,7 @@ def test_a_collected_trajectory_replays_in_single_environments():
     """The data of the collector against the same actions in plain Gymnasium environments."""
     vector = FootballVectorEnv(SCENARIO, num_envs=2)
     env = GymWrapper(vector, categorical_action_encoding=True)
-    vector_seeds = vector._spread_seed(3)
+    vector_seeds = spread_seed(3, vector.num_envs)
     env.set_seed(3)
     collector = Collector(
         env,

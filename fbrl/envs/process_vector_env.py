@@ -12,18 +12,13 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 
 from fbrl.counts import check_count
 from fbrl.envs.arguments import check_actions, check_mask, check_options
 from fbrl.envs.episode_seeds import spread_seed
 from fbrl.envs.match_worker import WorkerSettings, play_matches_for
-from fbrl.envs.observation import Observation, select_space
-from fbrl.envs.scenarios import check_scenario
-from fbrl.envs.vector_env import ACTIONS_IN_SET, ActionSet
-from fbrl.names import check_name
+from fbrl.envs.observation import Observation
+from fbrl.envs.vector_env import ActionSet, MatchesVectorEnv
 
 CORES_PER_WORKER = 4
 """Of the default number of workers. One process of threads is as quick on so few cores, and takes
@@ -43,7 +38,7 @@ class _WorkerLostError(Exception):
     """A worker has died or does not answer; says why."""
 
 
-class FootballProcessVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
+class FootballProcessVectorEnv(MatchesVectorEnv):
     """A :class:`FootballVectorEnv` whose matches are shared out to processes.
 
     For machines with many cores, where the threads of one process stand in line for Python's
@@ -80,11 +75,6 @@ class FootballProcessVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         >>> env.close()
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 (the base class's type)
-        "autoreset_mode": AutoresetMode.DISABLED,
-        "render_modes": [],
-    }
-
     def __init__(
         self,
         scenario: str,
@@ -98,19 +88,12 @@ class FootballProcessVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         max_restarts: int | None = None,
         on_restart: Callable[[str], None] = lambda line: None,
     ) -> None:
-        self.num_envs = num_envs = check_count("num_envs", num_envs)
-        self.scenario = check_scenario(scenario)
+        num_envs = check_count("num_envs", num_envs)
+        super().__init__(scenario, num_envs, observation_keys, action_set)
         cores = len(os.sched_getaffinity(0))
         workers = check_count("num_workers", num_workers or max(2, cores // CORES_PER_WORKER))
         threads = check_count("num_threads", num_threads or cores)
         workers = min(workers, num_envs)
-        # TorchRL's GymWrapper asks the instance, not its metadata.
-        self.autoreset_mode = AutoresetMode.DISABLED
-        self.single_observation_space: spaces.Dict = select_space(observation_keys)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._num_actions = ACTIONS_IN_SET[check_name("action_set", action_set, ACTIONS_IN_SET)]
-        self.single_action_space = spaces.Discrete(self._num_actions)
-        self.action_space = batch_space(self.single_action_space, num_envs)
         self._action_set = action_set
         self._num_threads = max(1, threads // workers)
         self._timeout = timeout
@@ -344,7 +327,3 @@ class FootballProcessVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._check_open()
         if not self._workers:
             raise RuntimeError(f"The matches have not begun: call reset() before {call}.")
-
-    def _check_open(self) -> None:
-        if self.closed:
-            raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")

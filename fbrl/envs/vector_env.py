@@ -30,7 +30,41 @@ ActionSet = Literal["default", "v2"]
 ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
 
 
-class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
+class MatchesVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
+    """What all vector environments of matches are alike in: scenario, spaces and no autoreset.
+
+    Args:
+        scenario, num_envs, observation_keys, action_set: As for :class:`FootballVectorEnv`.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (the base class's type)
+        "autoreset_mode": AutoresetMode.DISABLED,
+        "render_modes": [],
+    }
+
+    def __init__(
+        self,
+        scenario: str,
+        num_envs: int,
+        observation_keys: Iterable[str] | None,
+        action_set: ActionSet,
+    ) -> None:
+        self.scenario = check_scenario(scenario)
+        self.num_envs = num_envs
+        # TorchRL's GymWrapper asks the instance, not its metadata.
+        self.autoreset_mode = AutoresetMode.DISABLED
+        self.single_observation_space: spaces.Dict = select_space(observation_keys)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._num_actions = ACTIONS_IN_SET[check_name("action_set", action_set, ACTIONS_IN_SET)]
+        self.single_action_space = spaces.Discrete(self._num_actions)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")
+
+
+class FootballVectorEnv(MatchesVectorEnv):
     """Several independent matches of one scenario, stepped by a pool of threads.
 
     The engine releases the GIL while it computes, so threads of one process are as parallel as
@@ -56,11 +90,6 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     any other mode TorchRL would lose the last state of each episode.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 (the base class's type)
-        "autoreset_mode": AutoresetMode.DISABLED,
-        "render_modes": [],
-    }
-
     def __init__(
         self,
         scenario: str,
@@ -69,17 +98,10 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         observation_keys: Iterable[str] | None = None,
         action_set: ActionSet = "default",
     ) -> None:
-        self.num_envs = num_envs = check_count("num_envs", num_envs)
+        num_envs = check_count("num_envs", num_envs)
         if num_threads is not None:
             num_threads = check_count("num_threads", num_threads)
-        self.scenario = check_scenario(scenario)
-        # TorchRL's GymWrapper asks the instance, not its metadata.
-        self.autoreset_mode = AutoresetMode.DISABLED
-        self.single_observation_space: spaces.Dict = select_space(observation_keys)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._num_actions = ACTIONS_IN_SET[check_name("action_set", action_set, ACTIONS_IN_SET)]
-        self.single_action_space = spaces.Discrete(self._num_actions)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        super().__init__(scenario, num_envs, observation_keys, action_set)
         self._matches = [Match(scenario) for _ in range(num_envs)]
         self._layout = RowLayout(self.single_observation_space)
         self._rows = self._layout.rows(num_envs)
@@ -113,7 +135,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """
         self._check_open()
         mask = check_mask(check_options(options, ("reset_mask",)).get("reset_mask"), self.num_envs)
-        seeds = self._spread_seed(seed)
+        seeds = spread_seed(seed, self.num_envs)
         chosen = np.flatnonzero(mask).tolist()
         self._threads.map(self._reset_match, chosen, [seeds[index] for index in chosen])
         info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
@@ -226,13 +248,6 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
                 f"Matches {sorted(self._next_episodes)} of {self.scenario!r} have ended: call "
                 f"reset(options={{'reset_mask': mask}}) for them before {call}."
             )
-
-    def _spread_seed(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        return spread_seed(seed, self.num_envs)
-
-    def _check_open(self) -> None:
-        if self.closed:
-            raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")
 
 
 def _describe_match(scenario: str, episodes: Sequence[EpisodeSeeds], index: int) -> str:
