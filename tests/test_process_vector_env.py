@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fbrl.envs import FootballVectorEnv
+from fbrl.envs.match_worker import MatchWorker
 from fbrl.envs.process_vector_env import FootballProcessVectorEnv, MatchWorkersError
 
 SCENARIO = "academy_3_vs_1_with_keeper"
@@ -84,7 +85,7 @@ def test_a_worker_that_aborts_or_hangs_is_replaced_and_its_matches_are_cut_off(m
     before, _ = env.reset(seed=1)
     idle = np.zeros(3, int)
     before = env.step(idle)[0]
-    victim = env._workers[0][0]
+    victim = env._workers[0].process
     os.kill(victim.pid, sign)
     started = time.monotonic()
     observation, reward, terminated, truncated, _ = env.step(idle)
@@ -110,7 +111,7 @@ def test_a_worker_that_died_between_two_steps_is_told_by_the_next_one(make):
     env = make()
     env.reset(seed=1)
     before = env.step(np.zeros(3, int))[0]
-    os.kill(env._workers[1][0].pid, signal.SIGKILL)
+    os.kill(env._workers[1].process.pid, signal.SIGKILL)
     assert len(env.get_state()) == 3
     observation, _, _, truncated, _ = env.step(np.zeros(3, int))
     assert truncated.tolist() == [False, False, True]
@@ -119,10 +120,68 @@ def test_a_worker_that_died_between_two_steps_is_told_by_the_next_one(make):
     assert not env.step(np.zeros(3, int))[3].any()
 
 
+def kill(worker):
+    worker.process.kill()
+    worker.process.join()
+
+
+def test_a_replacement_that_dies_at_once_is_replaced_too(make, monkeypatch):
+    env = make()
+    env.reset(seed=1)
+    env.step(np.zeros(3, int))
+    ask, to_kill = MatchWorker.ask, [1, 2, 3]
+
+    def ask_a_dying_worker(worker, method, arguments):
+        if worker.process.name == "matches-1" and to_kill:
+            to_kill.pop()
+            kill(worker)
+        ask(worker, method, arguments)
+
+    monkeypatch.setattr(MatchWorker, "ask", ask_a_dying_worker)
+    assert len(env.get_state()) == 3
+    assert env.lost_matches == 3
+    assert env.step(np.zeros(3, int))[3].tolist() == [False, False, True]
+
+
+def test_a_worker_lost_in_a_partial_reset_ends_its_other_matches_as_they_were_seen(make):
+    env = make()
+    env.reset(seed=1)
+    for _ in range(5):
+        before = env.step(np.array([5, 5, 5]))[0]
+    kill(env._workers[0])
+    observation, _ = env.reset(options={"reset_mask": np.array([False, True, False])})
+    for key in KEYS:
+        np.testing.assert_array_equal(observation[key][0], before[key][0])
+    after, _, _, truncated, _ = env.step(np.zeros(3, int))
+    assert truncated.tolist() == [True, True, False]
+    np.testing.assert_array_equal(after["ball"][0], before["ball"][0])
+
+
+def test_matches_put_back_by_a_replacement_go_on(make):
+    env = make()
+    env.reset(seed=1)
+    env.step(np.zeros(3, int))
+    state = env.get_state()
+    expected = env.step(np.array([5, 12, 0]))[0]
+    kill(env._workers[0])
+    env.set_state(state)
+    assert env.lost_matches == 2
+    observation, _, _, truncated, _ = env.step(np.array([5, 12, 0]))
+    assert not truncated.any()
+    assert_same(observation, expected)
+
+
+def test_workers_that_cannot_begin_are_an_error_at_once(make, monkeypatch):
+    monkeypatch.setenv("PYTHONHOME", "/nowhere")
+    env = make()
+    with pytest.raises(MatchWorkersError, match=r"exit code 1 before they began.*fbrl-doctor"):
+        env.reset()
+
+
 def test_workers_that_die_too_often_are_an_error(make):
     env = make(max_restarts=0)
     env.reset(seed=1)
-    os.kill(env._workers[0][0].pid, signal.SIGKILL)
+    os.kill(env._workers[0].process.pid, signal.SIGKILL)
     with pytest.raises(MatchWorkersError, match=r"SIGKILL; 2 matches have been lost.*too often"):
         env.step(np.zeros(3, int))
     with pytest.raises(RuntimeError, match="broken off"):

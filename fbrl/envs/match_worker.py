@@ -1,14 +1,20 @@
-"""A process that plays matches for another one."""
+"""A process that plays matches for another one, from both sides."""
 
 from __future__ import annotations
 
+import contextlib
+import multiprocessing
 import signal
 from collections.abc import Sequence
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
+
+
+class WorkerLostError(Exception):
+    """A worker has died or does not answer; says why."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +35,72 @@ class WorkerSettings:
     seeds: Sequence[int | None]
 
 
-def play_matches_for(connection: Connection, settings: WorkerSettings) -> None:
+class MatchWorker:
+    """The process as the other one sees it; it starts at once.
+
+    Args:
+        name: Of the process.
+        settings: What it plays. Its first answer is what the matches begin with.
+
+    Attributes:
+        process: The worker itself.
+    """
+
+    def __init__(self, name: str, settings: WorkerSettings) -> None:
+        self._connection, theirs = multiprocessing.Pipe()
+        self.process = multiprocessing.get_context("spawn").Process(
+            target=_play_matches_for, args=(theirs, settings), name=name, daemon=True
+        )
+        self.process.start()
+        theirs.close()
+
+    def ask(self, method: str, arguments: dict[str, Any]) -> None:
+        """Has a method of its :class:`FootballVectorEnv` called, or a property read."""
+        # One that has died is noticed when it does not answer.
+        with contextlib.suppress(OSError):
+            self._connection.send((method, arguments))
+
+    def answer(self, timeout: float) -> Any:
+        """What the method returned, or raises what it raised.
+
+        Args:
+            timeout: Seconds to wait; 0 for ever.
+
+        Raises:
+            WorkerLostError: It has died, or does not answer in time.
+        """
+        waited = 0.0
+        while not wait([self._connection, self.process.sentinel], 1.0):
+            # Counted, not measured: a process that stands still does not wait.
+            waited += 1
+            if timeout and waited >= timeout:
+                raise WorkerLostError(f"has not answered for {waited:g} s")
+        try:
+            went_well, answer = self._connection.recv()
+        except (EOFError, OSError) as error:
+            raise WorkerLostError(self._how_it_died()) from error
+        if not went_well:
+            raise answer
+        return answer
+
+    def end(self) -> None:
+        """Ends the process, whatever it is doing."""
+        self._connection.close()
+        self.process.kill()
+        self.process.join()
+
+    def _how_it_died(self) -> str:
+        self.process.join(1)
+        code = self.process.exitcode
+        if code is not None and code < 0:
+            return f"was ended by {signal.Signals(-code).name}"
+        return f"ended with exit code {code}"
+
+
+def _play_matches_for(connection: Connection, settings: WorkerSettings) -> None:
     """Answers ``(method, arguments)`` with ``(whether it went well, result or exception)``.
 
-    The first answer is what the matches begin with. It ends with the connection, as when the
-    process at its other end has died.
+    It ends with the connection, as when the process at its other end has died.
     """
     # The process at the other end decides what an interrupt means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -50,10 +117,10 @@ def play_matches_for(connection: Connection, settings: WorkerSettings) -> None:
             method, arguments = connection.recv()
         except EOFError:
             return
-        connection.send(_answer(matches, method, arguments))
+        connection.send(_call(matches, method, arguments))
 
 
-def _answer(matches: FootballVectorEnv, method: str, arguments: dict[str, Any]) -> tuple[bool, Any]:
+def _call(matches: FootballVectorEnv, method: str, arguments: dict[str, Any]) -> tuple[bool, Any]:
     try:
         if method == "episodes":
             return True, matches.episodes

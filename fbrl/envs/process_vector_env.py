@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from typing import Any
 
 import numpy as np
@@ -16,7 +11,7 @@ import numpy as np
 from fbrl.counts import check_count
 from fbrl.envs.arguments import check_actions, check_mask, check_options
 from fbrl.envs.episode_seeds import spread_seed
-from fbrl.envs.match_worker import WorkerSettings, play_matches_for
+from fbrl.envs.match_worker import MatchWorker, WorkerLostError, WorkerSettings
 from fbrl.envs.observation import Observation
 from fbrl.envs.vector_env import ActionSet, MatchesVectorEnv
 
@@ -31,11 +26,7 @@ _START_TIMEOUT = 120
 
 
 class MatchWorkersError(RuntimeError):
-    """Raised when workers have died, or hung, too often."""
-
-
-class _WorkerLostError(Exception):
-    """A worker has died or does not answer; says why."""
+    """Raised when workers have died, or hung, too often, or one does not begin at all."""
 
 
 class FootballProcessVectorEnv(MatchesVectorEnv):
@@ -101,7 +92,7 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
         self._on_restart = on_restart
         self.lost_matches = 0
         self._share = [part.tolist() for part in np.array_split(np.arange(num_envs), workers)]
-        self._workers: list[tuple[BaseProcess, Connection]] = []
+        self._workers: list[MatchWorker] = []
         # Of the seeds that lost matches are followed by.
         self._random = np.random.default_rng()
         self._observation: Observation = {}
@@ -135,18 +126,25 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
                 self._start(number, [seeds[i] for i in share])
                 for number, share in enumerate(self._share)
             ]
-            answers = [self._first_answer(number) for number in range(len(self._share))]
+            answers = self._begin()
         else:
-            self._to_tell -= {n for n, share in enumerate(self._share) if mask[share].all()}
 
             def arguments(share: list[int]) -> dict[str, Any]:
                 options = {"reset_mask": mask[share]}
                 return {"seed": [seeds[i] for i in share], "options": options}
 
             answers = self._ask("reset", arguments)
+            self._to_tell -= {n for n, share in enumerate(self._share) if mask[share].all()}
         observations, infos = zip(*answers, strict=True)
         info = {key: np.concatenate([one[key] for one in infos]) for key in infos[0]}
-        return self._join(observations), info
+        before = self._observation
+        observation = self._join(observations)
+        for number in self._to_tell:
+            # The next step tells that these have ended, with what was seen of them.
+            lost = [index for index in self._share[number] if not mask[index]]
+            for key, value in observation.items():
+                value[lost] = before[key][lost]
+        return observation, info
 
     def step(
         self, actions: np.ndarray
@@ -193,13 +191,28 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
         if not self._workers:
             self.reset()
         self._ask("set_state", lambda share: {"states": [states[i] for i in share]})
+        self._to_tell.clear()
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the workers."""
-        for process, connection in self._workers:
-            connection.close()
-            process.kill()
-            process.join()
+        for worker in self._workers:
+            worker.end()
+
+    def _begin(self) -> list[Any]:
+        """What the matches begin with; a worker that fails now would do so again."""
+        answers = []
+        for number, worker in enumerate(self._workers):
+            try:
+                answers.append(self._first_answer(worker))
+            except WorkerLostError as error:
+                self.close()
+                raise MatchWorkersError(
+                    f"Worker {number}, which was to play {len(self._share[number])} matches of "
+                    f"{self.scenario!r}, {error} before they began: what it wrote to the error "
+                    "output says why. A program's main module must make workers below 'if "
+                    '__name__ == "__main__":\' only; fbrl-doctor checks the engine.'
+                ) from error
+        return answers
 
     def _ask_all(self, method: str) -> list[Any]:
         return [one for answer in self._ask(method, lambda share: {}) for one in answer]
@@ -217,9 +230,7 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
         silent = self._to_tell if method == "step" else set()
         for number, share in enumerate(self._share):
             if number not in silent:
-                # One that has died is noticed when it does not answer.
-                with contextlib.suppress(OSError):
-                    self._workers[number][1].send((method, arguments(share)))
+                self._workers[number].ask(method, arguments(share))
         answers = [
             self._cut_off(number) if number in silent else self._answer(number, method, arguments)
             for number in range(len(self._share))
@@ -231,15 +242,15 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
     def _answer(
         self, number: int, method: str, arguments: Callable[[list[int]], dict[str, Any]]
     ) -> Any:
-        try:
-            return self._receive(number, self._timeout)
-        except _WorkerLostError as error:
-            self._replace(number, str(error))
-        if method == "step":
-            return self._cut_off(number)
-        self._to_tell.add(number)
-        self._workers[number][1].send((method, arguments(self._share[number])))
-        return self._receive(number, self._timeout)
+        while True:
+            try:
+                return self._workers[number].answer(self._timeout)
+            except WorkerLostError as error:
+                self._replace(number, str(error))
+            if method == "step":
+                return self._cut_off(number)
+            self._to_tell.add(number)
+            self._workers[number].ask(method, arguments(self._share[number]))
 
     def _cut_off(self, number: int) -> tuple[Any, ...]:
         """What a step led to in the matches of a worker that was lost."""
@@ -248,32 +259,7 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
         nothing = np.zeros(len(share), bool)
         return observation, nothing.astype(np.float32), nothing, ~nothing, {}
 
-    def _receive(self, number: int, timeout: float) -> Any:
-        process, connection = self._workers[number]
-        waited = 0.0
-        while not wait([connection, process.sentinel], 1.0):
-            # Counted, not measured: a process that stands still does not wait.
-            waited += 1
-            if timeout and waited >= timeout:
-                raise _WorkerLostError(f"has not answered for {waited:g} s")
-        try:
-            went_well, answer = connection.recv()
-        except (EOFError, OSError) as error:
-            raise _WorkerLostError(self._how_it_died(number)) from error
-        if not went_well:
-            raise answer
-        return answer
-
-    def _how_it_died(self, number: int) -> str:
-        process = self._workers[number][0]
-        process.join(1)
-        code = process.exitcode
-        if code is not None and code < 0:
-            return f"was ended by {signal.Signals(-code).name}"
-        return f"ended with exit code {code}"
-
-    def _start(self, number: int, seeds: Sequence[int | None]) -> tuple[BaseProcess, Connection]:
-        ours, theirs = multiprocessing.Pipe()
+    def _start(self, number: int, seeds: Sequence[int | None]) -> MatchWorker:
         settings = WorkerSettings(
             self.scenario,
             len(self._share[number]),
@@ -282,40 +268,31 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
             self._action_set,
             seeds,
         )
-        process = multiprocessing.get_context("spawn").Process(
-            target=play_matches_for,
-            args=(theirs, settings),
-            name=f"matches-{number}",
-            daemon=True,
-        )
-        process.start()
-        theirs.close()
-        return process, ours
+        return MatchWorker(f"matches-{number}", settings)
 
-    def _first_answer(self, number: int) -> Any:
-        return self._receive(number, self._timeout and max(self._timeout, _START_TIMEOUT))
+    def _first_answer(self, worker: MatchWorker) -> Any:
+        return worker.answer(self._timeout and max(self._timeout, _START_TIMEOUT))
 
     def _replace(self, number: int, reason: str) -> None:
-        process, connection = self._workers[number]
-        connection.close()
-        process.kill()
-        process.join()
         share = self._share[number]
         self.lost_matches += len(share)
-        line = (
-            f"Worker {number}, which plays {len(share)} matches of {self.scenario!r}, {reason}; "
-            f"{self.lost_matches} matches have been lost so far."
-        )
-        if not self._restarts_left:
-            raise MatchWorkersError(f"{line} That was too often.")
-        self._restarts_left -= 1
-        self._on_restart(f"{line} It is replaced, {self._restarts_left} times more at most.")
-        seeds = self._random.integers(2**31, size=len(share)).tolist()
-        self._workers[number] = self._start(number, seeds)
-        try:
-            self._first_answer(number)
-        except _WorkerLostError as error:
-            self._replace(number, str(error))
+        while True:
+            self._workers[number].end()
+            line = (
+                f"Worker {number}, which plays {len(share)} matches of {self.scenario!r}, "
+                f"{reason}; {self.lost_matches} matches have been lost so far."
+            )
+            if not self._restarts_left:
+                raise MatchWorkersError(f"{line} That was too often.")
+            self._restarts_left -= 1
+            self._on_restart(f"{line} It is replaced, {self._restarts_left} times more at most.")
+            seeds = self._random.integers(2**31, size=len(share)).tolist()
+            self._workers[number] = self._start(number, seeds)
+            try:
+                self._first_answer(self._workers[number])
+                return
+            except WorkerLostError as error:
+                reason = str(error)
 
     def _join(self, observations: Sequence[Observation]) -> Observation:
         self._observation = {
