@@ -10,6 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from written_runs import write_shooter
+
+from fbrl.envs import FootballVectorEnv
+from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 
 REPOSITORY = Path(__file__).parent.parent
 
@@ -42,6 +46,49 @@ def run_program(tmp_path):
         )
 
     return run
+
+
+@pytest.fixture
+def run_main(capsys):
+    """Runs the main function of one of fbrl's commands in this process."""
+
+    def run(main, *arguments, code=0):
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        printed = capsys.readouterr()
+        assert ended.value.code == code, printed.err
+        return printed
+
+    return run
+
+
+@pytest.fixture
+def stop_after(monkeypatch):
+    """Makes the matches send their process a signal after a number of steps, wherever that is."""
+    left = [0]
+
+    def count_steps(step):
+        def counting_step(self, actions):
+            left[0] -= 1
+            if left[0] == 0:
+                signal.raise_signal(signal.SIGTERM)
+            return step(self, actions)
+
+        return counting_step
+
+    for matches in (FootballVectorEnv, FootballProcessVectorEnv):
+        monkeypatch.setattr(matches, "step", count_steps(matches.step))
+
+    def stop_after(steps):
+        left[0] = steps
+
+    return stop_after
+
+
+@pytest.fixture(scope="session")
+def shooter(tmp_path_factory):
+    """A run whose agent nearly always shoots at an empty goal, and always does in greedy mode."""
+    return write_shooter(tmp_path_factory.mktemp("shooter"))
 
 
 @pytest.fixture(scope="session")

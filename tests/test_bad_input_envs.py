@@ -70,6 +70,7 @@ def test_a_wrong_number_of_matches_or_threads_is_named(arguments, error, message
         ({"reward": None}, TypeError, "The reward is None; .* analytics, potential, checkpoints"),
         ({"reward": AssistDensityReward}, TypeError, "must be a ScoringReward"),
         ({"reward": Simple115()}, TypeError, "must be a ScoringReward"),
+        ({"reward": "potential"}, TypeError, r"AssistDensityPotential\(gamma="),
         ({"observation": 5}, TypeError, "The observation is 5; .* minimap, smm, simple115"),
         ({"observation": AssistDensityReward()}, TypeError, "must be a Transform that writes one"),
         ({"keep_keys": "ball"}, TypeError, "keys are 'ball'; they must be a list of names"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 
@@ -46,15 +47,8 @@ def table(tmp_path):
 
 
 @pytest.fixture
-def run(capsys):
-    def run(*arguments, code=0):
-        with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
-        printed = capsys.readouterr()
-        assert ended.value.code == code, printed.err
-        return printed
-
-    return run
+def run(run_main):
+    return functools.partial(run_main, main)
 
 
 class TestFit:

@@ -18,19 +18,6 @@ SCENARIO = "academy_empty_goal_close"
 SHOOT = 12
 
 
-@pytest.fixture(scope="module")
-def shooter(tmp_path_factory):
-    """A run whose agent nearly always shoots, and always does in greedy mode."""
-    config = dataclasses.replace(preset_config("light", SCENARIO), hidden_sizes=(8,), seed=4)
-    model = make_model(config, torch.device("cpu"))
-    with torch.no_grad():
-        model.get_collection_policy().policy_head.bias[SHOOT] = 5.0
-    run = tmp_path_factory.mktemp("run")
-    path = run / "checkpoints" / "last.pt"
-    save_checkpoint(path, config=config_to_dict(config), frames=123, model=model.state_dict())
-    return run
-
-
 def test_an_agent_is_loaded_with_its_weights(shooter):
     for path in (shooter, shooter / "checkpoints" / "last.pt"):
         agent = load_agent(path)

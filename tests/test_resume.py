@@ -21,7 +21,6 @@ from compared_runs import assert_same_run, logged_steps, table
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.cli.train_resume import parse_resume
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
-from fbrl.envs import FootballVectorEnv
 from fbrl.ppo.trainer import TrainListener, train
 from fbrl.run_dir import RunDirLock
 
@@ -61,26 +60,6 @@ def whole_run(request, tmp_path_factory):
         # Long enough that there are means of matches to go on with.
         assert int(table(run_dir, "metrics.csv")[-1]["match/count"]) >= 2
     return config
-
-
-@pytest.fixture
-def stop_after(monkeypatch):
-    """Makes the matches of a process send it a signal after a number of steps, wherever that is."""
-    step = FootballVectorEnv.step
-    left = [0]
-
-    def counting_step(self, actions):
-        left[0] -= 1
-        if left[0] == 0:
-            signal.raise_signal(signal.SIGTERM)
-        return step(self, actions)
-
-    monkeypatch.setattr(FootballVectorEnv, "step", counting_step)
-
-    def stop_after(steps):
-        left[0] = steps
-
-    return stop_after
 
 
 def test_a_run_that_stops_anywhere_and_goes_on_equals_one_that_does_not(

@@ -29,26 +29,6 @@ CONFIG = TrainConfig(
 )
 
 
-@pytest.fixture
-def stop_after(monkeypatch):
-    """Makes the matches send their process a signal after a number of steps, wherever that is."""
-    step = process_vector_env.FootballProcessVectorEnv.step
-    left = [0]
-
-    def counting_step(self, actions):
-        left[0] -= 1
-        if left[0] == 0:
-            signal.raise_signal(signal.SIGTERM)
-        return step(self, actions)
-
-    monkeypatch.setattr(process_vector_env.FootballProcessVectorEnv, "step", counting_step)
-
-    def stop_after(steps):
-        left[0] = steps
-
-    return stop_after
-
-
 @pytest.mark.slow
 def test_processes_that_stop_at_ten_moments_train_as_threads_that_do_not(tmp_path, stop_after):
     threads = dataclasses.replace(CONFIG, collector="threads", run_dir=tmp_path / "threads")

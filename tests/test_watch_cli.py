@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import signal
 import subprocess
 import sys
@@ -12,13 +11,9 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
-import torch
 from watching import recorded_matches
 
-from fbrl.agent import make_model
-from fbrl.checkpoint import save_checkpoint
 from fbrl.cli.watch import main
-from fbrl.config import config_to_dict, preset_config
 from fbrl.density import AssistDensity
 from fbrl.envs.engine import load_gfootball
 from fbrl.watch.captions import CAPTION_SECONDS
@@ -28,19 +23,6 @@ from fbrl.watch.replay_file import load_replay, save_replay
 SCENARIO = "academy_empty_goal_close"
 SHOOT = 12
 CAPTION = round(10 * CAPTION_SECONDS)
-
-
-@pytest.fixture(scope="module")
-def shooter(tmp_path_factory):
-    """A run whose agent nearly always shoots, and always does in greedy mode."""
-    config = dataclasses.replace(preset_config("light", SCENARIO), hidden_sizes=(8,), seed=4)
-    model = make_model(config, torch.device("cpu"))
-    with torch.no_grad():
-        model.get_collection_policy().policy_head.bias[SHOOT] = 5.0
-    run = tmp_path_factory.mktemp("run")
-    path = run / "checkpoints" / "last.pt"
-    save_checkpoint(path, config=config_to_dict(config), frames=123, model=model.state_dict())
-    return run
 
 
 @pytest.fixture

@@ -8,7 +8,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fbrl.config import preset_config, save_config
+import torch
+
+from fbrl.agent import make_model
+from fbrl.checkpoint import save_checkpoint
+from fbrl.config import config_to_dict, preset_config, save_config
+from fbrl.envs.actions import ACTION_NAMES
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 GOALS = "match/goal_difference"
@@ -47,6 +52,19 @@ def write_run(
     if final is not None:
         rows = {name: [0.0, value] for name, value in zip(FINAL, final, strict=True)}
         write_table(run_dir / "evaluations.csv", {"frames": [0, 1000], **rows})
+    return run_dir
+
+
+def write_shooter(run_dir: Path) -> Path:
+    """Writes a run of one checkpoint, whose agent nearly always shoots."""
+    config = dataclasses.replace(
+        preset_config("light", "academy_empty_goal_close"), hidden_sizes=(8,), seed=4
+    )
+    model = make_model(config, torch.device("cpu"))
+    with torch.no_grad():
+        model.get_collection_policy().policy_head.bias[ACTION_NAMES.index("shot")] = 5.0
+    path = run_dir / "checkpoints" / "last.pt"
+    save_checkpoint(path, config=config_to_dict(config), frames=123, model=model.state_dict())
     return run_dir
 
 

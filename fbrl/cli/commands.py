@@ -25,8 +25,6 @@ def add_command(
         name,
         help=summary,
         description=description or f"{summary[0].upper()}{summary[1:]}.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.set_defaults(command=run, program=parser.prog)
     return parser

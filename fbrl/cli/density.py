@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog=PROGRAM, description=_DESCRIPTION, allow_abbrev=False)
+    parser = Parser(prog=PROGRAM, description=_DESCRIPTION)
     commands = parser.add_subparsers(metavar="{fit,plot,info}", required=True)
     _add_fit(commands)
     add_plot(commands)

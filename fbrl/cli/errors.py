@@ -8,7 +8,7 @@ import io
 import re
 import sys
 from collections.abc import Iterator
-from typing import NoReturn
+from typing import Any, NoReturn
 
 BAD_USAGE = 2
 
@@ -24,7 +24,14 @@ def fail(program: str, message: object, exit_code: int = BAD_USAGE) -> NoReturn:
 
 
 class Parser(argparse.ArgumentParser):
-    """Answers bad usage with one line, where argparse prints the usage too."""
+    """Answers bad usage with one line, where argparse prints the usage too.
+
+    Descriptions are printed as they are written, and options have to be spelt out.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        raw = argparse.RawDescriptionHelpFormatter
+        super().__init__(formatter_class=raw, allow_abbrev=False, **options)
 
     def error(self, message: str) -> NoReturn:
         """Prints the line and exits with code 2."""

@@ -23,7 +23,7 @@ def asks_to_resume(arguments: Sequence[str]) -> bool:
 
 def parse_resume(program: str, arguments: Sequence[str]) -> TrainConfig:
     """The configuration of the run in a directory, with what may be changed on top of it."""
-    parser = Parser(prog=program, description=RESUME_DESCRIPTION, allow_abbrev=False)
+    parser = Parser(prog=program, description=RESUME_DESCRIPTION)
     parser.add_argument("--resume", type=Path, metavar="RUN_DIR", required=True)
     for name in CHANGEABLE_ON_RESUME:
         kind = str if name == "device" else int

@@ -60,6 +60,11 @@ def make_reward(reward: str | ScoringReward, **options: Any) -> ScoringReward:
         UnknownNameError: There is no reward of this name.
         TypeError: It is neither a name nor a reward, or has no such option.
     """
+    if reward == "potential" and "gamma" not in options:
+        raise TypeError(
+            "The reward 'potential' needs the discount of the training: pass "
+            "AssistDensityPotential(gamma=0.993), say, in place of its name."
+        )
     if isinstance(reward, str):
         return REWARDS[check_name("reward", reward, REWARDS)](**options)
     if not isinstance(reward, ScoringReward):
@@ -103,8 +108,8 @@ def make_env(
         scenario: A name in :data:`fbrl.envs.SCENARIOS`.
         num_envs: Number of matches, the batch size of the environment.
         reward: ``"analytics"``, ``"checkpoints"``, ``"scoring"``, or a transform of that family,
-            such as ``AssistDensityReward(transition="consecutive")`` or
-            ``AssistDensityPotential(gamma=0.993)``.
+            such as ``AssistDensityReward(transition="consecutive")``; ``"potential"`` only as
+            ``AssistDensityPotential(gamma=0.993)``, with the training's discount.
         observation: ``"minimap"``, ``"smm"``, ``"simple115"``, or a transform.
         num_threads: Threads that step the matches; one for each available core by default.
         action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
