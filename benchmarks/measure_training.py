@@ -30,7 +30,7 @@ def training_config(
         device: Of the network.
         seed: Of everything.
     """
-    from fbrl.config import preset_config
+    from fbrl.presets import preset_config
 
     config = preset_config("thesis" if network == "cnn" else "light", scenario)
     batch = config.ppo.num_envs * num_steps
@@ -76,9 +76,10 @@ def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> 
     import torch
 
     from fbrl.agent import make_model
-    from fbrl.config import PPOConfig, preset_config
+    from fbrl.config import PPOConfig
     from fbrl.envs.factory import make_collection_env
     from fbrl.ppo.algorithm import PPO
+    from fbrl.presets import preset_config
 
     torch.manual_seed(seed)
     config = preset_config("light", scenario)

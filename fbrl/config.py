@@ -1,20 +1,17 @@
-"""The configuration of a training, its presets, and how it is kept in a run's directory."""
+"""The configuration of a training: what can be set, what it is by default, and what is allowed."""
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fbrl.atomic_write import atomic_write
-from fbrl.envs.scenarios import SCENARIOS, check_scenario
+from fbrl.envs.scenarios import check_scenario
 from fbrl.field_types import FieldTypeError, check_field_types
 from fbrl.names import check_name
 
+PRESET_NAMES = ("light", "thesis")
 REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")
 OBSERVATION_NAMES = ("minimap", "smm", "simple115")
 TRANSITION_NAMES = ("possession", "consecutive")
@@ -112,7 +109,7 @@ class PPOConfig:
 
     def check(self) -> None:
         """Raises :class:`ConfigError` for a value of another type or out of range."""
-        _check_types(self)
+        check_types(self)
         for name in ("total_frames", "num_envs", "num_steps", "num_minibatches", "num_epochs"):
             _check(self, name, getattr(self, name) >= 1, "at least 1")
         for name in ("learning_rate", "clip_epsilon", "critic_coeff", "max_grad_norm"):
@@ -240,9 +237,9 @@ class TrainConfig:
 
     def check(self) -> None:
         """Raises :class:`ConfigError`, or ``UnknownNameError``, for an impossible value."""
-        _check_types(self)
+        check_types(self)
         check_scenario(self.scenario)
-        check_name("preset", self.preset, PRESETS)
+        check_name("preset", self.preset, PRESET_NAMES)
         check_name("reward", self.reward, REWARD_NAMES)
         check_name("transition", self.transition, TRANSITION_NAMES)
         check_name("observation", self.observation, OBSERVATION_NAMES)
@@ -279,7 +276,8 @@ class TrainConfig:
         self.ppo.check()
 
 
-def _check_types(config: Any) -> None:
+def check_types(config: PPOConfig | TrainConfig) -> None:
+    """Raises :class:`ConfigError` for a value of another type than its field's."""
     try:
         check_field_types(config)
     except FieldTypeError as error:
@@ -289,77 +287,3 @@ def _check_types(config: Any) -> None:
 def _check(config: Any, name: str, holds: bool, allowed: str) -> None:
     if not holds:
         raise ConfigError(f"{name} is {getattr(config, name)!s:.100}; it must be {allowed}.")
-
-
-# Table 5.1 of the thesis; the row of the full matches differs in four values.
-_THESIS_ACADEMY = PPOConfig()
-_THESIS_FULL_MATCH = PPOConfig(
-    total_frames=5_000_000, num_steps=1024, num_minibatches=64, num_epochs=4
-)
-# Tuned on academy_3_vs_1_with_keeper and judged by goals: experiments/light_preset_3_vs_1.
-_LIGHT = PPOConfig(
-    num_steps=256,
-    num_minibatches=8,
-    num_epochs=4,
-    learning_rate=1e-3,
-    clip_epsilon=0.2,
-    entropy_coeff=0.01,
-)
-
-PRESETS = ("light", "thesis")
-
-
-def preset_config(preset: str, scenario: str) -> TrainConfig:
-    """The configuration that a preset gives for a scenario.
-
-    Args:
-        preset: ``"light"`` or ``"thesis"``.
-        scenario: The thesis has other hyperparameters for 11 against 11.
-
-    Raises:
-        UnknownNameError: There is no preset of this name.
-        ConfigError: The scenario is no text.
-    """
-    check_name("preset", preset, PRESETS)
-    config = TrainConfig(scenario, preset, ppo=_LIGHT)
-    _check_types(config)
-    if preset == "thesis":
-        is_full_match = scenario.startswith("11_vs_11")
-        ppo = _THESIS_FULL_MATCH if is_full_match else _THESIS_ACADEMY
-        config = dataclasses.replace(config, observation="minimap", ppo=ppo)
-    if scenario in SCENARIOS and SCENARIOS[scenario].duration >= 3000:
-        config = dataclasses.replace(config, eval_episodes=16, eval_interval=500_000)
-    return config
-
-
-def save_config(config: TrainConfig, path: Path) -> None:
-    """Writes the configuration as JSON; the file is replaced in one piece."""
-    with atomic_write(path) as file:
-        file.write((json.dumps(config_to_dict(config), indent=2) + "\n").encode())
-
-
-def config_to_dict(config: TrainConfig) -> dict[str, Any]:
-    """The configuration in the types that JSON knows."""
-    values = dataclasses.asdict(config)
-    values["run_dir"] = None if config.run_dir is None else str(config.run_dir)
-    values["hidden_sizes"] = list(config.hidden_sizes)
-    return values
-
-
-def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
-    """The configuration that :func:`config_to_dict` made a dictionary of.
-
-    Raises:
-        ConfigError: A field is unknown or of another type, or the scenario is missing.
-    """
-    try:
-        ppo = PPOConfig(**values.get("ppo", {}))
-        config = TrainConfig(**{**values, "ppo": ppo})
-        run_dir = None if config.run_dir is None else Path(config.run_dir)
-        hidden_sizes = tuple(config.hidden_sizes)
-    except (TypeError, AttributeError) as error:
-        raise ConfigError(f"This is no configuration of a training: {error}.") from error
-    config = dataclasses.replace(config, run_dir=run_dir, hidden_sizes=hidden_sizes)
-    _check_types(config)
-    _check_types(config.ppo)
-    return config

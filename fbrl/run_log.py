@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fbrl.config import TrainConfig, config_from_dict
+from fbrl.config import TrainConfig
+from fbrl.config_json import config_from_dict
 from fbrl.names import UnknownNameError, check_name
 
 FRAMES = "frames"

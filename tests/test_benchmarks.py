@@ -26,10 +26,10 @@ from benchmarks.sections import FRAMES, QUICK, SECTIONS, STEPS, THREE_VS_ONE
 from benchmarks.stable_baselines3_network import ImpalaFeatures, MLPFeatures
 from benchmarks.tables import TABLES, write_page
 from benchmarks.targets import targets, targets_table
-from fbrl.config import preset_config
 from fbrl.envs import FootballEnv
 from fbrl.envs.engine import Match, load_gfootball
 from fbrl.monitor import Monitor
+from fbrl.presets import preset_config
 from fbrl.transforms import MiniMapCells, Simple115
 from fbrl.transforms.minimap import cells_to_planes
 from fbrl.transforms.minimap_grid import frame_cells

@@ -7,15 +7,10 @@ import json
 
 import pytest
 
-from fbrl.config import (
-    ConfigError,
-    PPOConfig,
-    TrainConfig,
-    config_from_dict,
-    preset_config,
-    save_config,
-)
+from fbrl.config import ConfigError, PPOConfig, TrainConfig
+from fbrl.config_json import config_from_dict, save_config
 from fbrl.envs import factory
+from fbrl.presets import preset_config
 
 # Table 5.1 of the thesis: academy scenarios, 11 against 11.
 TABLE_5_1 = {

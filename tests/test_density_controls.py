@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from fbrl.config import preset_config
 from fbrl.density import AssistDensity, open_density
 from fbrl.density.controls import BUILT_IN, mean_over_pitch, mirrored, shuffled, uniform
+from fbrl.presets import preset_config
 from fbrl.transforms import AssistDensityReward
 
 

@@ -19,7 +19,8 @@ from tensordict import TensorDict
 
 from fbrl.agent import make_model
 from fbrl.checkpoint import load_checkpoint
-from fbrl.config import PPOConfig, TrainConfig, config_from_dict
+from fbrl.config import PPOConfig, TrainConfig
+from fbrl.config_json import config_from_dict
 from fbrl.envs.engine import Match
 from fbrl.ppo.algorithm import PPO
 from fbrl.ppo.evaluator import Evaluator

@@ -23,9 +23,10 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from fbrl.agent import make_model
 from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train_display import TrainDisplay
-from fbrl.config import config_from_dict, preset_config
+from fbrl.config_json import config_from_dict
 from fbrl.envs import make_env
 from fbrl.monitor import SCALARS
+from fbrl.presets import preset_config
 
 SCENARIO = "academy_pass_and_shoot_with_keeper"
 SMALL = ("--num-envs", 4, "--num-steps", 128, "--total-frames", 1024, "--eval-episodes", 8)

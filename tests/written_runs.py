@@ -12,8 +12,9 @@ import torch
 
 from fbrl.agent import make_model
 from fbrl.checkpoint import save_checkpoint
-from fbrl.config import config_to_dict, preset_config, save_config
+from fbrl.config_json import config_to_dict, save_config
 from fbrl.envs.actions import ACTION_NAMES
+from fbrl.presets import preset_config
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 GOALS = "match/goal_difference"

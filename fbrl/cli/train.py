@@ -23,8 +23,9 @@ from fbrl.cli.errors import INTERRUPTED, ending_when_interrupted, fail, parsing
 from fbrl.cli.lasting_output import lasting_output
 from fbrl.cli.train_display import TrainDisplay, resume_command, tensorboard_command
 from fbrl.cli.train_resume import asks_to_resume, parse_resume
-from fbrl.config import PRESETS, ConfigError, TrainConfig, preset_config
+from fbrl.config import PRESET_NAMES, ConfigError, TrainConfig
 from fbrl.names import UnknownNameError
+from fbrl.presets import preset_config
 
 if TYPE_CHECKING:
     from fbrl.ppo.trainer import TrainResult
@@ -119,7 +120,7 @@ def parse(arguments: Sequence[str]) -> TrainConfig:
     preset_parser = argparse.ArgumentParser(
         prog=PROGRAM, add_help=False, allow_abbrev=False, exit_on_error=False
     )
-    preset_parser.add_argument("--preset", default=PRESETS[0])
+    preset_parser.add_argument("--preset", default=PRESET_NAMES[0])
     try:
         preset = preset_parser.parse_known_args(list(arguments))[0].preset
         # The scenario decides between the rows of the thesis's table, so it is read first.

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fbrl.checkpoint import BEST_NAME, CHECKPOINT_NAME, PREVIOUS_NAME, save_checkpoint
-from fbrl.config import TrainConfig, config_to_dict, save_config
+from fbrl.config import TrainConfig
+from fbrl.config_json import config_to_dict, save_config
 from fbrl.evaluate import Evaluation
 from fbrl.interrupt import Interrupt
 from fbrl.ppo.training_state import TrainingState

@@ -16,7 +16,8 @@ import torch
 
 from fbrl.agent import keep_density, make_model, make_training_reward
 from fbrl.checkpoint import load_checkpoint
-from fbrl.config import TrainConfig, save_config
+from fbrl.config import TrainConfig
+from fbrl.config_json import save_config
 from fbrl.crash_report import CrashReport, set_crash_report_aside
 from fbrl.device import choose_device
 from fbrl.envs.engine import load_gfootball

@@ -11,13 +11,8 @@ from torchrl.envs import EnvBase
 
 from fbrl.checkpoint import CheckpointError
 from fbrl.collect import BatchCollector
-from fbrl.config import (
-    CHANGEABLE_ON_RESUME,
-    ConfigError,
-    TrainConfig,
-    config_from_dict,
-    config_to_dict,
-)
+from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, TrainConfig
+from fbrl.config_json import config_from_dict, config_to_dict
 from fbrl.crash_report import seed_after_crashes
 from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 from fbrl.envs.vector_env import FootballVectorEnv

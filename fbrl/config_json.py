@@ -1,0 +1,45 @@
+"""A configuration as JSON, as runs and checkpoints keep it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from fbrl.atomic_write import atomic_write
+from fbrl.config import ConfigError, PPOConfig, TrainConfig, check_types
+
+
+def save_config(config: TrainConfig, path: Path) -> None:
+    """Writes the configuration as JSON; the file is replaced in one piece."""
+    with atomic_write(path) as file:
+        file.write((json.dumps(config_to_dict(config), indent=2) + "\n").encode())
+
+
+def config_to_dict(config: TrainConfig) -> dict[str, Any]:
+    """The configuration in the types that JSON knows."""
+    values = dataclasses.asdict(config)
+    values["run_dir"] = None if config.run_dir is None else str(config.run_dir)
+    values["hidden_sizes"] = list(config.hidden_sizes)
+    return values
+
+
+def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
+    """The configuration that :func:`config_to_dict` made a dictionary of.
+
+    Raises:
+        ConfigError: A field is unknown or of another type, or the scenario is missing.
+    """
+    try:
+        ppo = PPOConfig(**values.get("ppo", {}))
+        config = TrainConfig(**{**values, "ppo": ppo})
+        run_dir = None if config.run_dir is None else Path(config.run_dir)
+        hidden_sizes = tuple(config.hidden_sizes)
+    except (TypeError, AttributeError) as error:
+        raise ConfigError(f"This is no configuration of a training: {error}.") from error
+    config = dataclasses.replace(config, run_dir=run_dir, hidden_sizes=hidden_sizes)
+    check_types(config)
+    check_types(config.ppo)
+    return config
