@@ -80,13 +80,13 @@ def time_shares(
     import torch
     from torchrl.envs import TransformedEnv
 
+    from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
     from fbrl.device import choose_device
     from fbrl.envs import FootballVectorEnv
-    from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
     from fbrl.models.actor_critic import CollectionPolicy
     from fbrl.monitor import Monitor
     from fbrl.ppo import algorithm
-    from fbrl.ppo.trainer import TrainListener, train
+    from fbrl.training.trainer import TrainListener, train
     from fbrl.transforms import AssistDensityReward
 
     config = training_config(scenario, network, num_steps, iterations, device, seed)

@@ -51,7 +51,7 @@ def fbrl_training(
     Returns:
         ``frames_per_second``.
     """
-    from fbrl.ppo.trainer import TrainListener, train
+    from fbrl.training.trainer import TrainListener, train
 
     config = training_config(scenario, network, num_steps, iterations, device, seed)
     ends: list[float] = []
@@ -76,8 +76,8 @@ def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> 
     import torch
 
     from fbrl.agent import make_model
+    from fbrl.collect import make_collection_env
     from fbrl.config import PPOConfig
-    from fbrl.envs.factory import make_collection_env
     from fbrl.ppo.algorithm import PPO
     from fbrl.presets import preset_config
 

@@ -31,8 +31,9 @@ def collect(
     """
     import torch
 
+    from fbrl.collect import make_collection_env
+    from fbrl.collect.collection_env import MATCH_PLACES
     from fbrl.config import PPOConfig
-    from fbrl.envs.factory import COLLECTOR_NAMES, make_collection_env
     from fbrl.models.actor_critic import build_actor_critic
     from fbrl.ppo.algorithm import PPO
 
@@ -49,7 +50,7 @@ def collect(
             collect_batch = functools.partial(next, iter(collector))
         else:
             bookkeeping = None
-            if vectorisation in COLLECTOR_NAMES:
+            if vectorisation in MATCH_PLACES:
                 env, bookkeeping = make_collection_env(
                     scenario, num_envs=num_envs, collector=vectorisation
                 )

@@ -9,9 +9,9 @@ from typing import Any
 import torch
 
 from fbrl.checkpoint import CHECKPOINT_NAME, CheckpointError, load_checkpoint
+from fbrl.checks.counts import check_count
 from fbrl.config import ConfigError, TrainConfig
 from fbrl.config_json import config_from_dict
-from fbrl.counts import check_count
 from fbrl.envs.factory import make_reward
 from fbrl.models.actor_critic import ActorCritic, build_actor_critic
 from fbrl.transforms import ScoringReward

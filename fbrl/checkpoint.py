@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from fbrl.atomic_write import atomic_write
+from fbrl.files.atomic_write import atomic_write
 
 FORMAT_VERSION = 2
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fbrl.checks.field_types import FieldTypeError, check_field_types
+from fbrl.checks.names import check_name
 from fbrl.envs.scenarios import check_scenario
-from fbrl.field_types import FieldTypeError, check_field_types
-from fbrl.names import check_name
 
 PRESET_NAMES = ("light", "thesis")
 REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fbrl.atomic_write import atomic_write
 from fbrl.config import ConfigError, PPOConfig, TrainConfig, check_types
+from fbrl.files.atomic_write import atomic_write
 
 
 def save_config(config: TrainConfig, path: Path) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
+from fbrl.checks.names import check_name
 from fbrl.config import PRESET_NAMES, PPOConfig, TrainConfig, check_types
 from fbrl.envs.scenarios import SCENARIOS
-from fbrl.names import check_name
 
 # Table 5.1 of the thesis; the row of the full matches differs in four values.
 _THESIS_ACADEMY = PPOConfig()

@@ -10,8 +10,8 @@ import torch
 
 from fbrl.envs import FootballEnv, FootballVectorEnv, UnknownNameError, make_env
 from fbrl.envs.scenarios import check_scenario, expand_scenarios
-from fbrl.evaluate import evaluate
-from fbrl.policies import ConstantPolicy, make_policy
+from fbrl.evaluation.evaluation import evaluate
+from fbrl.evaluation.policies import ConstantPolicy, make_policy
 from fbrl.transforms import AssistDensityReward, Simple115
 
 SCENARIO = "academy_empty_goal"

@@ -16,6 +16,7 @@ import torch
 from written_runs import write_run
 
 from fbrl.agent import load_agent, make_model
+from fbrl.analysis.run_log import RunLogError, read_run_log
 from fbrl.checkpoint import FORMAT_VERSION, CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.config import ConfigError
 from fbrl.config_json import config_from_dict, config_to_dict
@@ -23,7 +24,6 @@ from fbrl.density import AssistDensity
 from fbrl.density.tables import read_event_files
 from fbrl.monitor.table import drop_rows
 from fbrl.presets import preset_config
-from fbrl.run_log import RunLogError, read_run_log
 from fbrl.watch.replay_file import load_replay
 
 CONFIG = dataclasses.replace(preset_config("light", "academy_corner"), hidden_sizes=(4, 3))

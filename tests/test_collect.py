@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from fbrl.collect import inference_threads, torch_threads
+from fbrl.collect.collector import inference_threads, torch_threads
 from fbrl.config import PPOConfig
 from fbrl.envs import make_env
 from fbrl.models import build_actor_critic

@@ -9,13 +9,13 @@ import signal
 import pytest
 import torch
 
+from fbrl.analysis.run_log import read_run_log
 from fbrl.checkpoint import load_checkpoint
+from fbrl.collect import make_collection_env
 from fbrl.config import PPOConfig, TrainConfig
-from fbrl.envs.factory import make_collection_env
 from fbrl.models.actor_critic import build_actor_critic
 from fbrl.ppo.algorithm import PPO
-from fbrl.ppo.trainer import TrainListener, train
-from fbrl.run_log import read_run_log
+from fbrl.training.trainer import TrainListener, train
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 

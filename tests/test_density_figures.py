@@ -13,9 +13,9 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from fbrl.density import AssistDensity, PositionDensity
-from fbrl.density.figures import agent_figure, densities_figure, passes_figure
 from fbrl.density.passes import Pass
 from fbrl.figures.files import save_figure
+from fbrl.figures.pitch import agent_figure, densities_figure, passes_figure
 
 PASSES = [Pass(90, 10, 110, 40), Pass(60, 70, 100, 30)]
 

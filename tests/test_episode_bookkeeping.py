@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from fbrl.collect import RolloutCollector
+from fbrl.collect import make_collection_env
+from fbrl.collect.collector import RolloutCollector
 from fbrl.envs import OBSERVATION_SPACE, make_env
-from fbrl.envs.factory import make_collection_env
 from fbrl.models.actor_critic import build_actor_critic
 from fbrl.transforms import AssistDensityPotential, AssistDensityReward
 

@@ -11,9 +11,9 @@ import torch
 
 from fbrl.agent import load_agent, make_model
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
-from fbrl.comparison import trained
 from fbrl.config import ConfigError
 from fbrl.config_json import config_to_dict, save_config
+from fbrl.evaluation.comparison import trained
 from fbrl.presets import preset_config
 
 SCENARIO = "academy_empty_goal_close"

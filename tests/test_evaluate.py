@@ -8,9 +8,9 @@ import torch
 from torchrl.modules.tensordict_module.exploration import RandomPolicy
 
 from fbrl.envs import make_env
-from fbrl.evaluate import Evaluation, evaluate, play_matches
+from fbrl.evaluation.evaluation import Evaluation, evaluate, play_matches
+from fbrl.evaluation.policies import make_policy
 from fbrl.models.actor_critic import build_actor_critic
-from fbrl.policies import make_policy
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 

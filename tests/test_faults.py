@@ -23,11 +23,11 @@ from fbrl.config import PPOConfig, TrainConfig
 from fbrl.config_json import config_from_dict
 from fbrl.envs.engine import Match
 from fbrl.ppo.algorithm import PPO
-from fbrl.ppo.evaluator import Evaluator
-from fbrl.ppo.run_checkpoints import TrainingNotSavedError
-from fbrl.ppo.trainer import TrainListener, train
 from fbrl.ppo.update import TrainingDivergedError, update
-from fbrl.run_dir import RunDirLock, RunDirReplacedError
+from fbrl.training.evaluator import Evaluator
+from fbrl.training.run_checkpoints import TrainingNotSavedError
+from fbrl.training.run_dir import RunDirLock, RunDirReplacedError
+from fbrl.training.trainer import TrainListener, train
 from fbrl.transforms import ScoringReward
 
 SMALL = PPOConfig(total_frames=256, num_envs=2, num_steps=16, num_minibatches=2, num_epochs=1)

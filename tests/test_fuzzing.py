@@ -33,18 +33,18 @@ from watching import recorded_matches
 from written_runs import write_run
 
 from fbrl.agent import load_agent, make_model
+from fbrl.analysis.results import ResultsError, read_evaluation_table, read_published
+from fbrl.analysis.run_log import RunLogError, read_run_log
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
+from fbrl.checks.names import UnknownNameError
 from fbrl.config_json import config_to_dict
 from fbrl.density import AssistDensity, open_density
 from fbrl.density.pass_cache import PassCache
 from fbrl.density.passes import EVENT_COLUMNS, Passes, clean, passes_of_match
 from fbrl.density.tables import read_event_files, read_passes_csv
+from fbrl.evaluation.possession import read_positions, write_positions
 from fbrl.monitor.table import drop_rows
-from fbrl.names import UnknownNameError
-from fbrl.possession import read_positions, write_positions
 from fbrl.presets import preset_config
-from fbrl.results import ResultsError, read_evaluation_table, read_published
-from fbrl.run_log import RunLogError, read_run_log
 from fbrl.watch.replay_file import ReplayError, load_replay, save_replay
 
 INPUTS = int(os.environ.get("FBRL_FUZZ_INPUTS", "200"))

@@ -25,9 +25,9 @@ from tensordict import TensorDict
 from fbrl.config import TrainConfig
 from fbrl.envs.actions import ACTION_NAMES
 from fbrl.envs.engine import load_gfootball
-from fbrl.evaluate import Evaluation
+from fbrl.evaluation.evaluation import Evaluation
+from fbrl.files.appended_file import MOST_WAITING_BYTES, AppendedFile
 from fbrl.monitor import BALL_POSITIONS, MATCHES_IN_MEAN, SCALARS, Monitor
-from fbrl.monitor.appended_file import MOST_WAITING_BYTES, AppendedFile
 from fbrl.monitor.writer import FRESH_FIGURES, GOAL_DIFFERENCE_NAMES
 from fbrl.transforms import PLAY_STATISTICS
 

@@ -211,7 +211,7 @@ def test_an_interrupt_is_one_line_and_exit_130(run, directory, monkeypatch):
     def interrupted(path):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("fbrl.run_log.read_run_log", interrupted)
+    monkeypatch.setattr("fbrl.analysis.run_log.read_run_log", interrupted)
     printed = run("curves", "a0", "--out", "c.png", code=130)
     assert printed.err == "fbrl-plot curves: interrupted; nothing was written\n"
     assert not pictures(directory)

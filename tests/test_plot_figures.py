@@ -12,14 +12,14 @@ pytest.importorskip("rliable")
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
+from fbrl.analysis.results import Published, Result, ResultsError
+from fbrl.analysis.run_groups import RunGroup
+from fbrl.analysis.run_log import read_run_log
+from fbrl.checks.names import UnknownNameError
 from fbrl.figures.bars import Bar, bars_figure, pool_results, published_bars
 from fbrl.figures.files import save_figure
 from fbrl.figures.learning_curves import learning_curve, learning_curves_figure
 from fbrl.figures.style import COLOURS
-from fbrl.names import UnknownNameError
-from fbrl.results import Published, Result, ResultsError
-from fbrl.run_groups import RunGroup
-from fbrl.run_log import read_run_log
 
 
 def legend(figure):

@@ -6,10 +6,10 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from fbrl.checks.names import UnknownNameError
 from fbrl.envs import make_env
-from fbrl.evaluate import evaluate
-from fbrl.names import UnknownNameError
-from fbrl.policies import POLICIES, make_policy
+from fbrl.evaluation.evaluation import evaluate
+from fbrl.evaluation.policies import POLICIES, make_policy
 
 
 def test_the_random_policy_takes_all_actions_equally_often_and_repeatably():

@@ -12,22 +12,22 @@ import pytest
 import torch
 
 from fbrl.agent import make_model, make_training_reward
+from fbrl.analysis.run_log import read_run_log
 from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train import main, parse
+from fbrl.collect import make_collection_env
+from fbrl.collect.ray_cluster import connected_to_ray, even_share
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
-from fbrl.envs.factory import make_collection_env
 from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.ppo.algorithm import PPO
-from fbrl.ppo.trainer import TrainListener, train
-from fbrl.ray_cluster import connected_to_ray, even_share
-from fbrl.run_log import read_run_log
+from fbrl.training.trainer import TrainListener, train
 
 ray = pytest.importorskip("ray")
 
 from ray.cluster_utils import Cluster  # noqa: E402
 
-from fbrl.ppo import ray_collector  # noqa: E402
-from fbrl.ppo.ray_collector import RayMatchCollector  # noqa: E402
+from fbrl.collect import ray_collector  # noqa: E402
+from fbrl.collect.ray_collector import RayMatchCollector  # noqa: E402
 
 CONFIG = TrainConfig(
     "academy_3_vs_1_with_keeper",
@@ -215,7 +215,7 @@ def test_a_cluster_of_this_machine_alone_listens_to_it_alone(run_program, monkey
     script = tmp_path / "listening.py"
     script.write_text(
         "import psutil, ray\n"
-        "from fbrl.ray_cluster import connected_to_ray\n"
+        "from fbrl.collect.ray_cluster import connected_to_ray\n"
         "with connected_to_ray(num_cpus=1):\n"
         "    ray.get(ray.remote(lambda: 1).remote())\n"
         "    for process in [psutil.Process(), *psutil.Process().children(recursive=True)]:\n"

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from written_runs import GOALS, write_run, write_table
 
-from fbrl.names import UnknownNameError
-from fbrl.results import (
+from fbrl.analysis.results import (
     Published,
     Result,
     ResultsError,
@@ -18,8 +17,9 @@ from fbrl.results import (
     read_evaluation_table,
     read_published,
 )
-from fbrl.run_groups import group_runs
-from fbrl.run_log import read_run_log
+from fbrl.analysis.run_groups import group_runs
+from fbrl.analysis.run_log import read_run_log
+from fbrl.checks.names import UnknownNameError
 
 CORNER, SHOOT = "academy_corner", "academy_pass_and_shoot_with_keeper"
 
@@ -112,9 +112,9 @@ class TestEvaluationTable:
         ]
 
     def test_what_an_evaluation_writes_is_read(self, tmp_path):
-        from fbrl.comparison import Contestant, baseline, result_row
         from fbrl.config import TrainConfig
-        from fbrl.evaluate import Evaluation
+        from fbrl.evaluation.comparison import Contestant, baseline, result_row
+        from fbrl.evaluation.evaluation import Evaluation
 
         evaluation = Evaluation({"goal_difference": np.array([1.0, 0.0, 1.0, 0.0])})
         agent = Contestant("run", lambda data: data, config=TrainConfig(CORNER, seed=3))

@@ -21,8 +21,8 @@ from compared_runs import assert_same_run, logged_steps, table
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.cli.train_resume import parse_resume
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
-from fbrl.ppo.trainer import TrainListener, train
-from fbrl.run_dir import RunDirLock
+from fbrl.training.run_dir import RunDirLock
+from fbrl.training.trainer import TrainListener, train
 
 PPO = PPOConfig(total_frames=768, num_envs=2, num_steps=64, num_minibatches=2, num_epochs=2)
 CONFIG = TrainConfig(

@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from fbrl.agent import DENSITY_NAME, load_agent, make_training_reward
-from fbrl.comparison import trained
+from fbrl.analysis.run_log import read_run_log
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.density import AssistDensity, open_density
-from fbrl.ppo.trainer import train
-from fbrl.run_log import read_run_log
+from fbrl.evaluation.comparison import trained
+from fbrl.training.trainer import train
 from fbrl.transforms import AssistDensityReward
 
 PPO = PPOConfig(total_frames=16, num_envs=1, num_steps=16, num_minibatches=2, num_epochs=1)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from written_runs import write_run
 
-from fbrl.run_groups import RunGroupError, group_runs, single_runs
-from fbrl.run_log import read_run_log
+from fbrl.analysis.run_groups import RunGroupError, group_runs, single_runs
+from fbrl.analysis.run_log import read_run_log
 
 
 @pytest.fixture

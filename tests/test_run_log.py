@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fbrl.analysis.run_log import RunLogError, frames_until, paper_goal_difference, read_run_log
+from fbrl.checks.names import UnknownNameError
 from fbrl.config import PPOConfig, TrainConfig
 from fbrl.config_json import save_config
-from fbrl.names import UnknownNameError
-from fbrl.ppo.trainer import TrainListener, train
 from fbrl.presets import preset_config
-from fbrl.run_log import RunLogError, frames_until, paper_goal_difference, read_run_log
+from fbrl.training.trainer import TrainListener, train
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 TABLE = "frames,match/goal_difference,match/count\n"

@@ -248,7 +248,7 @@ def test_without_statsbombpy_the_extra_is_named(monkeypatch):
 def test_densities_need_neither_statsbombpy_nor_mplsoccer():
     code = (
         "import sys; sys.modules.update(dict.fromkeys(['statsbombpy', 'mplsoccer', 'requests']))\n"
-        "import fbrl.density.statsbomb, fbrl.density.figures, fbrl.cli.density\n"
+        "import fbrl.density.statsbomb, fbrl.figures.pitch, fbrl.cli.density\n"
         "fbrl.density.open_density('uniform')\n"
         "assert not {'matplotlib', 'pandas', 'requests_cache'} & set(sys.modules)"
     )

@@ -20,7 +20,7 @@ from conftest import REPOSITORY
 from fbrl.cli.train_display import tensorboard_command
 from fbrl.config import PPOConfig, TrainConfig
 from fbrl.monitor import BALL_POSITIONS, IMAGES, MATCH_VIDEO, SCALARS
-from fbrl.ppo.trainer import train
+from fbrl.training.trainer import train
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium-headless-shell", "chromium", "google-chrome"))), None

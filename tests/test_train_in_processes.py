@@ -11,13 +11,13 @@ import signal
 import pytest
 from compared_runs import assert_same_run
 
+from fbrl.analysis.run_log import read_run_log
 from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train import main, parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs import process_vector_env
 from fbrl.envs.process_vector_env import MatchWorkersError
-from fbrl.ppo.trainer import TrainListener, train
-from fbrl.run_log import read_run_log
+from fbrl.training.trainer import TrainListener, train
 
 CONFIG = TrainConfig(
     "academy_3_vs_1_with_keeper",

@@ -15,15 +15,15 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from fbrl.agent import make_model, make_training_reward
+from fbrl.analysis.run_log import read_run_log
 from fbrl.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from fbrl.cli.train import parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
-from fbrl.ppo import run_checkpoints, trainer, training_matches
-from fbrl.ppo.trainer import TrainListener, evaluation_is_due, train
 from fbrl.ppo.update import TrainingDivergedError
-from fbrl.run_log import read_run_log
+from fbrl.training import run_checkpoints, trainer, training_matches
+from fbrl.training.trainer import TrainListener, evaluation_is_due, train
 
 SPEED = ("time/frames_per_second", "time/collect_seconds", "time/update_seconds")
 SMALL = PPOConfig(total_frames=256, num_envs=2, num_steps=32, num_minibatches=2, num_epochs=1)

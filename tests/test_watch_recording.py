@@ -10,9 +10,9 @@ import torch
 from torchrl.envs import ExplorationType, exploration_type
 from watching import SCENARIO, SHORT_PASS, SHOT, pass_and_shoot, random_player, recorded_matches
 
+from fbrl.checks.names import UnknownNameError
 from fbrl.envs.engine import FIRST_EPISODE, Match
 from fbrl.envs.match_row import RowLayout
-from fbrl.names import UnknownNameError
 from fbrl.watch.passes import completed_passes
 from fbrl.watch.recording import RECORDED_KEYS, record_matches
 

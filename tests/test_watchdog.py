@@ -8,8 +8,8 @@ import sys
 import threading
 import time
 
+from fbrl.collect.watchdog import Watchdog
 from fbrl.envs.match_threads import MatchThreads, calls_in_hand
-from fbrl.ppo.watchdog import Watchdog
 
 
 def test_a_call_that_takes_too_long_is_named_once():
@@ -58,7 +58,7 @@ def test_a_call_that_fails_is_no_longer_in_hand():
 STOPPED = """
 import time
 from fbrl.envs.match_threads import MatchThreads
-from fbrl.ppo.watchdog import Watchdog
+from fbrl.collect.watchdog import Watchdog
 
 def call(_):
     print("begun", flush=True)

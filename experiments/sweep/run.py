@@ -32,14 +32,14 @@ from typing import Any
 
 import yaml
 
+from fbrl.analysis.run_log import RunLogError, read_run_log
 from fbrl.cli.arguments import number_from_zero, positive_integer
 from fbrl.cli.errors import Parser, fail
 from fbrl.cli.train import FAILED, INTERRUPTED
 from fbrl.cli.train import parse as parse_training
+from fbrl.collect.ray_cluster import connected_to_ray
 from fbrl.config import ConfigError, TrainConfig
-from fbrl.interrupt import Interrupt, Interrupted
-from fbrl.ray_cluster import connected_to_ray
-from fbrl.run_log import RunLogError, read_run_log
+from fbrl.training.interrupt import Interrupt, Interrupted
 
 PROGRAM = "sweep"
 SECONDS_BETWEEN_LINES = 30.0
@@ -169,7 +169,7 @@ def remove_false_start(run_dir: Path) -> None:
     Raises:
         ConfigError: A process is training there.
     """
-    from fbrl.run_dir import RunDirLock
+    from fbrl.training.run_dir import RunDirLock
 
     if run_dir.is_dir():
         with contextlib.closing(RunDirLock(run_dir)):

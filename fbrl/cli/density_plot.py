@@ -76,7 +76,7 @@ def _add_figures(parser: argparse.ArgumentParser) -> None:
 
 
 def _plot_passes(options: argparse.Namespace) -> None:
-    from fbrl.density.figures import passes_figure
+    from fbrl.figures.pitch import passes_figure
 
     _check_figures(options)
     reading = read_passes(options, pass_filter(options))
@@ -90,7 +90,7 @@ def _plot_passes(options: argparse.Namespace) -> None:
 
 def _plot_densities(options: argparse.Namespace) -> None:
     from fbrl.density import open_density
-    from fbrl.density.figures import densities_figure
+    from fbrl.figures.pitch import densities_figure
 
     _check_figures(options)
     _save(options, densities_figure(open_density(options.density)))
@@ -98,11 +98,11 @@ def _plot_densities(options: argparse.Namespace) -> None:
 
 def _plot_agent(options: argparse.Namespace) -> None:
     from fbrl.density import open_density
-    from fbrl.density.figures import agent_figure
+    from fbrl.figures.pitch import agent_figure
 
     _check_figures(options)
     density = open_density(options.density)
-    from fbrl.possession import ball_positions, read_positions, write_positions
+    from fbrl.evaluation.possession import ball_positions, read_positions, write_positions
 
     if options.positions is not None:
         positions = read_positions(options.positions)

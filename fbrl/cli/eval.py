@@ -16,18 +16,18 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from fbrl.allocator import preload_tcmalloc
-from fbrl.atomic_write import atomic_write
+from fbrl.checks.names import UnknownNameError
 from fbrl.cli.arguments import finite_number, number_from_zero, positive_integer, seed
 from fbrl.cli.commands import check_outputs
 from fbrl.cli.errors import Parser, ending_when_interrupted, fail
 from fbrl.cli.eval_display import EvaluationProgress, print_report
 from fbrl.envs.scenarios import SCENARIO_GROUPS, expand_scenarios
-from fbrl.names import UnknownNameError
+from fbrl.files.atomic_write import atomic_write
 
 if TYPE_CHECKING:
     import torch
 
-    from fbrl.comparison import Contestant, Row
+    from fbrl.evaluation.comparison import Contestant, Row
 
 PROGRAM = "fbrl-eval"
 MODES = ("sample", "greedy")
@@ -139,11 +139,11 @@ def _main(options: argparse.Namespace) -> None:
     except (UnknownNameError, ValueError) as error:
         fail(PROGRAM, error)
     # Seconds of imports, which a mistyped option needn't wait for.
+    from fbrl.analysis.run_groups import RunGroupError
+    from fbrl.analysis.run_log import RunLogError
     from fbrl.checkpoint import CheckpointError
     from fbrl.config import ConfigError
     from fbrl.envs import EngineNotInstalledError
-    from fbrl.run_groups import RunGroupError
-    from fbrl.run_log import RunLogError
 
     try:
         report = _evaluate(options, scenarios)
@@ -160,8 +160,8 @@ def _main(options: argparse.Namespace) -> None:
 
 def _evaluate(options: argparse.Namespace, scenarios: Sequence[str]) -> dict[str, Any]:
     """Everything that there is to say, in the types that JSON knows."""
-    from fbrl.comparison import baseline, improvements, pool_seeds, trained, training_row
     from fbrl.device import choose_device
+    from fbrl.evaluation.comparison import baseline, improvements, pool_seeds, trained, training_row
 
     device = choose_device(options.device)
     # All of them before the first match: a mistyped name is not found out after an hour.
@@ -206,7 +206,7 @@ def _play_all(
     options: argparse.Namespace,
     device: torch.device,
 ) -> list[Row]:
-    from fbrl.comparison import configurations, play, result_row
+    from fbrl.evaluation.comparison import configurations, play, result_row
 
     labels = configurations(contestants)
     modes = MODES if options.mode == "both" else (options.mode,)

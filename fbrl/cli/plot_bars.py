@@ -48,7 +48,7 @@ file's name without its ending stands in the legend."""
 
 def add_bars(commands: Any) -> None:
     """Adds the subcommand."""
-    from fbrl.results import MEASURES
+    from fbrl.analysis.results import MEASURES
 
     bars = add_command(commands, "bars", _bars, "draw bars per scenario and reward", _BARS)
     bars.add_argument(
@@ -74,10 +74,10 @@ def add_bars(commands: Any) -> None:
 
 
 def _bars(options: argparse.Namespace) -> None:
+    from fbrl.analysis.results import convergence, final_goal_differences, read_published
+    from fbrl.analysis.results import read_evaluation_table as read_table
+    from fbrl.analysis.run_groups import group_runs
     from fbrl.figures.bars import bars_figure, pool_results, published_bars
-    from fbrl.results import convergence, final_goal_differences, read_published
-    from fbrl.results import read_evaluation_table as read_table
-    from fbrl.run_groups import group_runs
 
     check_tolerance(options)
     _check_sources(options)

@@ -14,7 +14,7 @@ from fbrl.cli.errors import Parser
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fbrl.run_log import RunLog
+    from fbrl.analysis.run_log import RunLog
 
 
 DEFAULT_TOLERANCE = 0.1
@@ -56,7 +56,7 @@ def check_out(options: argparse.Namespace) -> None:
 
 def read_runs(paths: Sequence[Path]) -> list[RunLog]:
     """The logs of runs."""
-    from fbrl.run_log import read_run_log
+    from fbrl.analysis.run_log import read_run_log
 
     return [read_run_log(path) for path in paths]
 

@@ -21,7 +21,7 @@ from fbrl.cli.plot_common import (
 )
 
 if TYPE_CHECKING:
-    from fbrl.run_groups import RunGroup
+    from fbrl.analysis.run_groups import RunGroup
 
 _CURVES = """\
 Draw learning curves. Runs of one scenario whose configurations differ in the seed alone are pooled:
@@ -64,8 +64,8 @@ def add_curves(commands: Any) -> None:
 
 
 def _curves(options: argparse.Namespace) -> None:
+    from fbrl.analysis.run_groups import group_runs, single_runs
     from fbrl.figures.learning_curves import learning_curve, learning_curves_figure
-    from fbrl.run_groups import group_runs, single_runs
 
     check_tolerance(options)
     check_out(options)
@@ -101,7 +101,7 @@ def _relabel(groups: Sequence[RunGroup], labels: Sequence[str] | None) -> list[R
 
 
 def _tell_convergence(group: RunGroup, options: argparse.Namespace) -> None:
-    from fbrl.run_log import frames_until
+    from fbrl.analysis.run_log import frames_until
 
     if options.threshold is None:
         return

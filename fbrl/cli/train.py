@@ -19,16 +19,16 @@ import tyro
 from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
+from fbrl.checks.names import UnknownNameError
 from fbrl.cli.errors import INTERRUPTED, ending_when_interrupted, fail, parsing
 from fbrl.cli.lasting_output import lasting_output
 from fbrl.cli.train_display import TrainDisplay, resume_command, tensorboard_command
 from fbrl.cli.train_resume import asks_to_resume, parse_resume
 from fbrl.config import PRESET_NAMES, ConfigError, TrainConfig
-from fbrl.names import UnknownNameError
 from fbrl.presets import preset_config
 
 if TYPE_CHECKING:
-    from fbrl.ppo.trainer import TrainResult
+    from fbrl.training.trainer import TrainResult
 
 PROGRAM = "fbrl-train"
 
@@ -76,10 +76,10 @@ def _main(config: TrainConfig, resume: bool) -> None:
     from fbrl.checkpoint import CheckpointError
     from fbrl.envs import EngineNotInstalledError
     from fbrl.envs.process_vector_env import MatchWorkersError
-    from fbrl.ppo.run_checkpoints import TrainingNotSavedError
-    from fbrl.ppo.trainer import TrainListener, train
     from fbrl.ppo.update import TrainingDivergedError
-    from fbrl.run_dir import RunDirReplacedError
+    from fbrl.training.run_checkpoints import TrainingNotSavedError
+    from fbrl.training.run_dir import RunDirReplacedError
+    from fbrl.training.trainer import TrainListener, train
 
     with lasting_output() as output:
         # A run's directory may have brackets in its name, which are no markup.

@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
+from fbrl.analysis.run_log import RunLogError, read_run_log
+from fbrl.checks.names import UnknownNameError
 from fbrl.cli.errors import Parser, fail
 from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, TrainConfig
-from fbrl.names import UnknownNameError
-from fbrl.run_log import RunLogError, read_run_log
 
 RESUME_DESCRIPTION = """Go on with a training where it stopped, as if it had never stopped. Its
 configuration is that of RUN_DIR, but for what is given here. The learning rate falls to 0 at

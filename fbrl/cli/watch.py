@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from fbrl.watch.views import View
 
 PROGRAM = "fbrl-watch"
-# Of fbrl.policies, whose import takes seconds.
+# Of fbrl.evaluation.policies, whose import takes seconds.
 POLICIES = ("random", "idle", "builtin-ai")
 WIDTHS = {"2d": 960, "3d": 640, "both": 1280}
 SMALLEST_WIDTHS = {"2d": 320, "3d": 320, "both": 640}
@@ -235,7 +235,7 @@ def _player(options: argparse.Namespace) -> dict[str, Any]:
     """Who plays what, by the names of :func:`record_matches`'s arguments."""
     if options.policy is not None:
         from fbrl.envs.factory import make_reward
-        from fbrl.policies import make_policy
+        from fbrl.evaluation.policies import make_policy
 
         return {
             "policy": make_policy(options.policy),

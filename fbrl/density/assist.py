@@ -15,9 +15,9 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from fbrl.array_file import ArrayFileError, read_arrays
-from fbrl.atomic_write import atomic_write
 from fbrl.density.position import PositionDensity
+from fbrl.files.array_file import ArrayFileError, read_arrays
+from fbrl.files.atomic_write import atomic_write
 
 FORMAT = "fbrl-assist-density"
 FORMAT_VERSION = 1

@@ -27,7 +27,8 @@ def uniform(density: AssistDensity, positions: Tensor | None = None) -> AssistDe
     Args:
         density: the densities to compare with.
         positions: (n, 2) positions in pitch units, such as those of
-            :func:`fbrl.possession.ball_positions`, to take the mean over instead of over the pitch.
+            :func:`fbrl.evaluation.possession.ball_positions`, to take the mean over instead of over
+            the pitch.
 
     Raises:
         ValueError: if none of the positions is where the densities are above 0.

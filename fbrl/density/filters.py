@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from fbrl.checks.names import check_name
 from fbrl.density.passes import Pass, Passes
 from fbrl.density.pitch import STATSBOMB_LENGTH
-from fbrl.names import check_name
 
 
 @dataclass(frozen=True)

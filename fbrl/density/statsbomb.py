@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from fbrl.checks.names import check_name
 from fbrl.density.pass_cache import PassCache, default_cache_directory
 from fbrl.density.passes import EVENT_COLUMNS, Pass, Passes, in_group, passes_of_match
-from fbrl.names import check_name
 
 ORIGIN = "StatsBomb open data"
 _OFFLINE_REMEDY = "Give a table of passes with --csv, or StatsBomb's event files with --events."

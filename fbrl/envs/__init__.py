@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from fbrl.checks.names import UnknownNameError
 from fbrl.envs.actions import ACTION_NAMES
 from fbrl.envs.football import FootballEnv
 from fbrl.envs.gfootball_import import EngineNotInstalledError
 from fbrl.envs.observation import OBSERVATION_SPACE
 from fbrl.envs.scenarios import SCENARIOS, Scenario
 from fbrl.envs.vector_env import FootballVectorEnv
-from fbrl.names import UnknownNameError
 
 if TYPE_CHECKING:
     from fbrl.envs.factory import make_env

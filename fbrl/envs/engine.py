@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from fbrl.checks.field_types import check_field_types
 from fbrl.envs.gfootball_import import GFootball, load_gfootball
 from fbrl.envs.match_row import WHOLE_ROW, RowLayout
-from fbrl.field_types import check_field_types
 
 NUM_ACTIONS = 19
 BUILTIN_AI = NUM_ACTIONS

@@ -14,13 +14,12 @@ from torchrl.envs import (
     TransformedEnv,
 )
 
-from fbrl.envs.episode_bookkeeping import EPISODE_LENGTH, EPISODE_PREFIX, EpisodeBookkeeping
+from fbrl.checks.names import check_name
 from fbrl.envs.episode_seeds import check_seed
 from fbrl.envs.observation import OBSERVATION_SPACE, select_space
 from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 from fbrl.envs.torchrl_matches import FootballMatches
 from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
-from fbrl.names import check_name
 from fbrl.transforms import (
     AssistDensityPotential,
     AssistDensityReward,
@@ -48,9 +47,11 @@ OBSERVATIONS: Mapping[str, Callable[[], Transform]] = {
 }
 """The observations by name, as :func:`fbrl.models.actor_critic.build_actor_critic` knows them."""
 
+EPISODE_PREFIX = "episode_"
+"""``episode_reward``, ``episode_reward_scoring`` and so on: the sums over the episode so far."""
 
-COLLECTOR_NAMES = ("threads", "processes")
-"""Where the matches of a training are played."""
+EPISODE_LENGTH = "step_count"
+"""Steps of the episode so far."""
 
 
 def make_reward(reward: str | ScoringReward, **options: Any) -> ScoringReward:
@@ -134,7 +135,7 @@ def make_env(
     """
     reward_transform = make_reward(reward)
     transforms = [reward_transform, make_observation(observation), PlayStatistics()]
-    raw_keys = _raw_keys(transforms)
+    raw_keys = raw_keys_of(transforms)
     kept = set(select_space(keep_keys))
     if seed is not None:
         check_seed(seed)
@@ -143,7 +144,7 @@ def make_env(
     )
     sums = ["reward", *reward_transform.part_names]
     env = TransformedEnv(
-        _as_torchrl(matches),
+        as_torchrl(matches),
         Compose(
             *transforms,
             RewardSum(in_keys=sums, out_keys=[EPISODE_PREFIX + name for name in sums]),
@@ -156,73 +157,11 @@ def make_env(
     return env
 
 
-def make_collection_env(
-    scenario: str,
-    *,
-    num_envs: int = 8,
-    reward: str | ScoringReward = "analytics",
-    observation: str | Transform = "simple115",
-    num_threads: int | None = None,
-    collector: str = "threads",
-    num_workers: int | None = None,
-    worker_timeout: float = 20,
-    on_restart: Callable[[str], None] = lambda line: None,
-    seed: int | None = None,
-) -> tuple[TransformedEnv, EpisodeBookkeeping]:
-    """Makes what :func:`make_env` does in two parts, for a collector that is in a hurry.
-
-    The environment computes what the policy needs. The bookkeeping writes the rest, the reward
-    among it, into whole batches; both together give the same numbers as :func:`make_env`.
-
-    Args:
-        scenario: As for :func:`make_env`, like the next ones.
-        num_envs: Number of matches.
-        reward: Labels the batches.
-        observation: What the policy reads.
-        num_threads: Threads that step the matches.
-        collector: ``"threads"`` plays the matches in this process, ``"processes"`` in others.
-        num_workers: Number of these processes.
-        worker_timeout: Seconds after which one that does not answer is replaced; 0 for never.
-        on_restart: Called with one line about each replacement.
-        seed: Seeds the matches.
-
-    Raises:
-        ValueError: A name is unknown.
-        EngineNotInstalledError: gfootball is missing.
-    """
-    reward_transform = make_reward(reward)
-    observation_transform = make_observation(observation)
-    needed_later = _raw_keys([reward_transform, PlayStatistics()])
-    needed_now = _raw_keys([observation_transform])
-    if seed is not None:
-        check_seed(seed)
-    keys = needed_now | needed_later
-    matches: FootballVectorEnv | FootballProcessVectorEnv
-    if check_name("collector", collector, COLLECTOR_NAMES) == "processes":
-        matches = FootballProcessVectorEnv(
-            scenario,
-            num_envs,
-            num_threads,
-            keys,
-            num_workers=num_workers,
-            timeout=worker_timeout,
-            on_restart=on_restart,
-        )
-    else:
-        matches = FootballVectorEnv(scenario, num_envs, num_threads, keys)
-    env = TransformedEnv(
-        _as_torchrl(matches),
-        Compose(observation_transform, ExcludeTransform(*sorted(needed_now - needed_later))),
-    )
-    if seed is not None:
-        env.set_seed(seed)
-    return env, EpisodeBookkeeping(reward_transform, drop=sorted(needed_later))
-
-
-def _as_torchrl(matches: FootballVectorEnv | FootballProcessVectorEnv) -> FootballMatches:
+def as_torchrl(matches: FootballVectorEnv | FootballProcessVectorEnv) -> FootballMatches:
+    """The matches as TorchRL's environment on the CPU, with actions as integers."""
     return FootballMatches(matches, categorical_action_encoding=True, device="cpu")
 
 
-def _raw_keys(transforms: Iterable[Transform]) -> set[str]:
+def raw_keys_of(transforms: Iterable[Transform]) -> set[str]:
     """What the transforms read of a match's raw observation."""
     return {key for transform in transforms for key in transform.in_keys} & set(OBSERVATION_SPACE)

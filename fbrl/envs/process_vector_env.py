@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fbrl.counts import check_count
+from fbrl.checks.counts import check_count
 from fbrl.envs.arguments import check_actions, check_mask, check_options
 from fbrl.envs.episode_seeds import spread_seed
 from fbrl.envs.match_worker import MatchWorker, WorkerLostError, WorkerSettings

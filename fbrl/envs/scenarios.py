@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from fbrl.names import check_name
+from fbrl.checks.names import check_name
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from fbrl.counts import check_count
+from fbrl.checks.counts import check_count
+from fbrl.checks.names import check_name
 from fbrl.envs.arguments import check_actions, check_mask, check_options
 from fbrl.envs.engine import NUM_ACTIONS, Match, MatchState, StepResult
 from fbrl.envs.episode_seeds import EpisodeSeeds, spread_seed
@@ -22,7 +23,6 @@ from fbrl.envs.match_row import RowLayout
 from fbrl.envs.match_threads import MatchThreads
 from fbrl.envs.observation import Observation, select_space
 from fbrl.envs.scenarios import check_scenario
-from fbrl.names import check_name
 
 ActionSet = Literal["default", "v2"]
 """Gfootball's names: 19 actions, or these and :data:`~fbrl.envs.engine.BUILTIN_AI`."""

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fbrl import seeds
+from fbrl.analysis import seed_statistics
+from fbrl.analysis.results import Published, Result, ResultsError
 from fbrl.figures.style import COLOURS, add_legend, count_frames, new_figure, set_labels
-from fbrl.results import Published, Result, ResultsError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,7 @@ def pool_results(results: Iterable[Result], measure: str) -> list[Bar]:
 
     Args:
         results: In any order; the bars come in the order of the first of their results.
-        measure: One of :data:`fbrl.results.MEASURES`.
+        measure: One of :data:`fbrl.analysis.results.MEASURES`.
 
     Raises:
         ResultsError: A seed comes twice.
@@ -109,7 +109,7 @@ def bars_figure(bars: Sequence[Bar], measure: str, title: str) -> Figure:
 
     Args:
         bars: At least one; those of an agent stand in the same place in each group.
-        measure: One of :data:`fbrl.results.MEASURES`.
+        measure: One of :data:`fbrl.analysis.results.MEASURES`.
         title: What is said of them.
 
     Raises:
@@ -146,7 +146,7 @@ def _pool(group: Sequence[Result], measure: str) -> tuple[float, float | None, f
         return sorted(values)[len(values) // 2], None, None
     if len(group) == 1:
         return values[0], group[0].low, group[0].high
-    estimate = seeds.mean(np.array(values)[:, None])
+    estimate = seed_statistics.mean(np.array(values)[:, None])
     return estimate.value, estimate.low, estimate.high
 
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fbrl.analysis.run_groups import RunGroup
+from fbrl.analysis.seed_statistics import mean_curve
 from fbrl.figures.style import (
     COLOURS,
     LINE_STYLES,
@@ -18,8 +20,6 @@ from fbrl.figures.style import (
     new_figure,
     set_labels,
 )
-from fbrl.run_groups import RunGroup
-from fbrl.seeds import mean_curve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

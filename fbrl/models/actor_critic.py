@@ -13,7 +13,7 @@ from torch.distributions import Categorical
 from torchrl.envs.utils import ExplorationType, exploration_type
 from torchrl.modules import ActorValueOperator, ProbabilisticActor, ValueOperator
 
-from fbrl.counts import check_count
+from fbrl.checks.counts import check_count
 from fbrl.models.impala import ImpalaCNN
 from fbrl.models.mlp import MLP, Activation
 

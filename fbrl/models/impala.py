@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import nn
 
-from fbrl.counts import check_count
+from fbrl.checks.counts import check_count
 from fbrl.models.cell_convolution import convolve_and_pool_cells
 from fbrl.transforms.minimap_grid import (
     CELLS_PER_FRAME,

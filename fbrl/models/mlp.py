@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import torch
 from torch import nn
 
-from fbrl.counts import check_count
+from fbrl.checks.counts import check_count
 
 __all__ = ["MLP", "Activation"]
 

@@ -16,7 +16,7 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 from torch.utils.tensorboard.summary import custom_scalars, hparams
 
-from fbrl.monitor.appended_file import AppendedFile
+from fbrl.files.appended_file import AppendedFile
 
 RGB = 3
 """TensorBoard's number for a picture's colour space."""

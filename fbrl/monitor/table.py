@@ -7,8 +7,8 @@ import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fbrl.atomic_write import atomic_write
-from fbrl.monitor.appended_file import AppendedFile
+from fbrl.files.appended_file import AppendedFile
+from fbrl.files.atomic_write import atomic_write
 
 FRAMES = "frames"
 

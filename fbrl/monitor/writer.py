@@ -20,7 +20,7 @@ from fbrl.monitor.recent_matches import RecentMatches
 from fbrl.monitor.table import Table, drop_rows
 
 if TYPE_CHECKING:
-    from fbrl.evaluate import Evaluation
+    from fbrl.evaluation.evaluation import Evaluation
 
 GOAL_DIFFERENCE_NAMES = (
     "evaluation/goal_difference",
@@ -37,7 +37,7 @@ FRESH_FIGURES = (
     "passes",
     "shots",
 )
-"""What else is logged of fresh matches, see :class:`fbrl.evaluate.Evaluation`."""
+"""What else is logged of fresh matches, see :class:`fbrl.evaluation.evaluation.Evaluation`."""
 
 
 class Monitor:

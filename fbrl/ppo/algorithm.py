@@ -11,15 +11,15 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 from torchrl.objectives import ClipPPOLoss
 
-from fbrl.collect import (
-    AheadCollector,
+from fbrl.collect.ahead_collector import AheadCollector
+from fbrl.collect.collector import (
     BatchCollector,
     RolloutCollector,
     inference_threads,
     torch_threads,
 )
+from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.config import PPOConfig
-from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.ppo.advantages import add_advantages, explained_variance
 from fbrl.ppo.update import minibatches, update
@@ -33,9 +33,9 @@ class PPO:
         model: Actor-critic whose trunk reads the environment's observation. It is trained in
             place, on the device where it is.
         config: Hyperparameters.
-        bookkeeping: The other part of :func:`fbrl.envs.factory.make_collection_env`'s environment.
+        bookkeeping: The other part of :func:`fbrl.collect.make_collection_env`'s environment.
         collect_ahead: Collect the next batch while learning from one, see
-            :class:`fbrl.collect.AheadCollector`.
+            :class:`fbrl.collect.collector.AheadCollector`.
 
     Attributes:
         frames: Frames learned from so far.

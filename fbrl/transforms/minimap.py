@@ -15,7 +15,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Bounded, Composite
 from torchrl.envs import Transform
 
-from fbrl.counts import check_count
+from fbrl.checks.counts import check_count
 from fbrl.transforms.minimap_grid import (
     ABSENT,
     CELLS_PER_FRAME,

@@ -17,7 +17,7 @@ from torchrl.envs import (
 )
 
 from fbrl.envs.factory import make_env, make_reward
-from fbrl.evaluate import Policy
+from fbrl.evaluation.evaluation import Policy
 from fbrl.transforms import ScoringReward
 
 RECORDED_KEYS = (
@@ -95,7 +95,7 @@ def record_matches(
 
     Args:
         policy: Reads the observation and writes ``action``; an agent's, or one of
-            :func:`fbrl.policies.make_policy`, whose ``action_set`` is heeded.
+            :func:`fbrl.evaluation.policies.make_policy`, whose ``action_set`` is heeded.
         scenario: A name in :data:`fbrl.envs.SCENARIOS`.
         observation: Of the policy, as for :func:`fbrl.envs.make_env`.
         reward: Whose parts are recorded, likewise.

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from fbrl.array_file import read_arrays
-from fbrl.atomic_write import atomic_write
 from fbrl.density import AssistDensity, PositionDensity
 from fbrl.density.assist import DensityMetadata
 from fbrl.envs.engine import BUILTIN_AI, MAX_SEED
 from fbrl.envs.observation import OBSERVATION_SPACE
+from fbrl.files.array_file import read_arrays
+from fbrl.files.atomic_write import atomic_write
 from fbrl.watch.recording import RECORDED_KEYS, MatchRecording
 
 FORMAT = "fbrl-matches"

@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
+from fbrl.checks.names import check_name
 from fbrl.density import AssistDensity
-from fbrl.names import check_name
 from fbrl.watch.engine_view import EngineView
 from fbrl.watch.pitch_view import PitchView
 from fbrl.watch.recording import MatchRecording

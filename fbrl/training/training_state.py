@@ -10,15 +10,15 @@ import torch
 from torchrl.envs import EnvBase
 
 from fbrl.checkpoint import CheckpointError
-from fbrl.collect import BatchCollector
+from fbrl.collect.collector import BatchCollector
 from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, TrainConfig
 from fbrl.config_json import config_from_dict, config_to_dict
-from fbrl.crash_report import seed_after_crashes
 from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 from fbrl.envs.vector_env import FootballVectorEnv
-from fbrl.evaluate import Evaluation
+from fbrl.evaluation.evaluation import Evaluation
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
+from fbrl.training.crash_report import seed_after_crashes
 
 
 class TrainingState:

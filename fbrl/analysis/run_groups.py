@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fbrl.analysis.run_log import RunLog
 from fbrl.config import TrainConfig
 from fbrl.config_json import config_to_dict
 from fbrl.presets import preset_config
-from fbrl.run_log import RunLog
 
 NOT_TRAINED = frozenset(
     {

@@ -13,12 +13,12 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
 from fbrl.config import TrainConfig
-from fbrl.crash_report import seed_after_crashes
 from fbrl.envs.factory import make_env
-from fbrl.evaluate import Evaluation, Policy, evaluate, other_seed
+from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate, other_seed
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
-from fbrl.ppo.pictures import MatchPictures, missing_packages
+from fbrl.training.crash_report import seed_after_crashes
+from fbrl.training.pictures import MatchPictures, missing_packages
 from fbrl.transforms import ScoringReward
 from fbrl.transforms.ball_control import in_control
 from fbrl.watch.recording import record_matches
@@ -96,7 +96,7 @@ class Evaluator:
 
         Args:
             model: Its policy plays.
-            episodes: How many matches at least, as for :func:`fbrl.evaluate.evaluate`.
+            episodes: How many matches at least, as for :func:`fbrl.evaluation.evaluation.evaluate`.
             on_progress: Called with the number of matches finished so far.
         """
         device = next(model.parameters()).device

@@ -16,24 +16,24 @@ import torch
 
 from fbrl.agent import keep_density, make_model, make_training_reward
 from fbrl.checkpoint import load_checkpoint
+from fbrl.collect.ray_cluster import connected_to_ray, workers_and_cpus
+from fbrl.collect.watchdog import Watchdog
 from fbrl.config import TrainConfig
 from fbrl.config_json import save_config
-from fbrl.crash_report import CrashReport, set_crash_report_aside
 from fbrl.device import choose_device
 from fbrl.envs.engine import load_gfootball
 from fbrl.envs.process_vector_env import MatchWorkersError
-from fbrl.evaluate import Evaluation
-from fbrl.interrupt import Interrupt, Interrupted
+from fbrl.evaluation.evaluation import Evaluation
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
-from fbrl.ppo.evaluator import Evaluator
-from fbrl.ppo.run_checkpoints import RunCheckpoints
-from fbrl.ppo.training_matches import training_matches
-from fbrl.ppo.training_state import TrainingState, check_resumable, crashes_before, has_matches
 from fbrl.ppo.update import TrainingDivergedError
-from fbrl.ppo.watchdog import Watchdog
-from fbrl.ray_cluster import connected_to_ray, workers_and_cpus
-from fbrl.run_dir import RunDirLock, RunDirReplacedError, existing_run_dir, make_run_dir
+from fbrl.training.crash_report import CrashReport, set_crash_report_aside
+from fbrl.training.evaluator import Evaluator
+from fbrl.training.interrupt import Interrupt, Interrupted
+from fbrl.training.run_checkpoints import RunCheckpoints
+from fbrl.training.run_dir import RunDirLock, RunDirReplacedError, existing_run_dir, make_run_dir
+from fbrl.training.training_matches import training_matches
+from fbrl.training.training_state import TrainingState, check_resumable, crashes_before, has_matches
 
 HUNG = 1
 """Exit code of a process in which the engine hangs."""

@@ -13,7 +13,7 @@ from scipy import stats
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
-from fbrl.counts import check_count
+from fbrl.checks.counts import check_count
 from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
 from fbrl.transforms import PLAY_STATISTICS
 

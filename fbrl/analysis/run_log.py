@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fbrl.checks.names import UnknownNameError, check_name
 from fbrl.config import TrainConfig
 from fbrl.config_json import config_from_dict
-from fbrl.names import UnknownNameError, check_name
 
 FRAMES = "frames"
 GOAL_DIFFERENCE = "match/goal_difference"

@@ -8,11 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fbrl.analysis.run_groups import RunGroup
+from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until
+from fbrl.checks.names import UnknownNameError, check_name
 from fbrl.config import REWARD_NAMES
 from fbrl.envs.scenarios import check_scenario
-from fbrl.names import UnknownNameError, check_name
-from fbrl.run_groups import RunGroup
-from fbrl.run_log import GOAL_DIFFERENCE, RunLog, frames_until
 
 MEASURES = ("goal-difference", "convergence", "generalisation")
 """What the thesis compares: its Figures 6.1 to 6.3."""
@@ -69,7 +69,7 @@ def final_goal_differences(groups: Iterable[RunGroup]) -> list[Result]:
 def convergence(
     groups: Iterable[RunGroup], threshold: float, tolerance: float = 0.0
 ) -> list[Result]:
-    """The frames that each run took: see :func:`fbrl.run_log.frames_until`.
+    """The frames that each run took: see :func:`fbrl.analysis.run_log.frames_until`.
 
     Raises:
         UnknownNameError: A run has logged no goal difference.

@@ -7,14 +7,9 @@ from collections.abc import Iterable
 import torch
 from tensordict import NestedKey, TensorDictBase
 
+from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
 from fbrl.transforms import PlayStatistics, ScoringReward
 from fbrl.transforms.along_time import totals_after_steps
-
-EPISODE_PREFIX = "episode_"
-"""``episode_reward``, ``episode_reward_scoring`` and so on: the sums over the episode so far."""
-
-EPISODE_LENGTH = "step_count"
-"""Steps of the episode so far."""
 
 
 class EpisodeBookkeeping:

@@ -1,4 +1,4 @@
-"""Where a trained agent has the ball: matches played for :mod:`fbrl.density.figures`."""
+"""Where a trained agent has the ball: matches played for :mod:`fbrl.figures.pitch`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fbrl.agent import load_agent
 from fbrl.envs import make_env
-from fbrl.evaluate import other_seed, play_matches
+from fbrl.evaluation.evaluation import other_seed, play_matches
 from fbrl.transforms.ball_control import in_control
 
 _KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
@@ -32,7 +32,7 @@ def ball_positions(
 
     Args:
         run: the directory of a run, or a checkpoint.
-        matches: how many matches at least, see :func:`fbrl.evaluate.play_matches`.
+        matches: how many matches at least, see :func:`fbrl.evaluation.evaluation.play_matches`.
         seed: seeds the matches and the sampled actions; if it is that of the training, matches are
             played that are not those that it began with.
         num_envs: matches at a time.

@@ -8,11 +8,11 @@ from pathlib import Path
 from fbrl.checkpoint import BEST_NAME, CHECKPOINT_NAME, PREVIOUS_NAME, save_checkpoint
 from fbrl.config import TrainConfig
 from fbrl.config_json import config_to_dict, save_config
-from fbrl.evaluate import Evaluation
-from fbrl.interrupt import Interrupt
-from fbrl.ppo.training_state import TrainingState
+from fbrl.evaluation.evaluation import Evaluation
 from fbrl.ppo.update import TrainingDivergedError
-from fbrl.run_dir import RunDirLock
+from fbrl.training.interrupt import Interrupt
+from fbrl.training.run_dir import RunDirLock
+from fbrl.training.training_state import TrainingState
 
 DIVERGED_NAME = "diverged.pt"
 """Where a run keeps what led to losses that are not finite."""

@@ -22,14 +22,14 @@ from torchrl.collectors.distributed import RayCollector
 from torchrl.envs import EnvBase, ExplorationType
 
 from fbrl.agent import make_model
-from fbrl.collect import BatchCollector, inference_threads
+from fbrl.collect.collector import BatchCollector, inference_threads
+from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
+from fbrl.collect.ray_cluster import workers_and_cpus
+from fbrl.collect.watchdog import Watchdog
 from fbrl.config import ConfigError, TrainConfig
-from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.envs.factory import make_env
 from fbrl.envs.process_vector_env import MAX_RESTARTS, MatchWorkersError
 from fbrl.models.actor_critic import CollectionPolicy
-from fbrl.ppo.watchdog import Watchdog
-from fbrl.ray_cluster import workers_and_cpus
 from fbrl.transforms import ScoringReward
 
 START_TIMEOUT = 120

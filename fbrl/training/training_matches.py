@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 
 from torchrl.envs import EnvBase
 
-from fbrl.collect import BatchCollector
+from fbrl.collect import make_collection_env
+from fbrl.collect.collector import BatchCollector
+from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.config import TrainConfig
-from fbrl.envs.episode_bookkeeping import EpisodeBookkeeping
-from fbrl.envs.factory import make_collection_env
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.transforms import ScoringReward
 
@@ -38,7 +38,7 @@ def training_matches(
     """
     if config.collector == "ray":
         # It can't be imported where Ray is not installed.
-        from fbrl.ppo.ray_collector import RayMatchCollector
+        from fbrl.collect.ray_collector import RayMatchCollector
 
         policy = model.get_collection_policy()
         collector = RayMatchCollector(

@@ -10,8 +10,13 @@ import pytest
 pytest.importorskip("rliable")
 from rliable import metrics
 
-from fbrl import seeds
-from fbrl.seeds import Estimate, interquartile_mean, mean_curve, probability_of_improvement
+from fbrl.analysis import seed_statistics
+from fbrl.analysis.seed_statistics import (
+    Estimate,
+    interquartile_mean,
+    mean_curve,
+    probability_of_improvement,
+)
 
 
 def normal(*shape, seed=0):
@@ -49,7 +54,7 @@ class TestInterquartileMean:
 
 class TestMean:
     def test_is_the_mean_with_an_interval(self):
-        estimate = seeds.mean([[0.0], [1.0], [5.0]])
+        estimate = seed_statistics.mean([[0.0], [1.0], [5.0]])
         assert estimate.value == 2.0
         assert 0 <= estimate.low < 2.0 < estimate.high <= 5
         assert str(estimate) == f"2.000 [{estimate.low:.3f}, {estimate.high:.3f}]"
@@ -115,7 +120,7 @@ def test_the_same_scores_give_the_same_interval_and_disturb_no_one():
 
 @pytest.mark.parametrize("scores", [[1.0, 2.0], [[]], np.zeros((2, 2, 2)), [[1.0], [np.nan]]])
 def test_scores_of_another_kind_are_refused(scores):
-    for function in (interquartile_mean, seeds.mean, mean_curve):
+    for function in (interquartile_mean, seed_statistics.mean, mean_curve):
         with pytest.raises(ValueError, match=r"two axes, seeds first|not finite"):
             function(scores)
 

@@ -43,7 +43,7 @@ class MatchPictures:
 
     def positions(self, positions: ArrayLike) -> bytes:
         """A PNG of the ball's positions, (n, 2) in pitch units, beside the densities."""
-        from fbrl.density.figures import agent_figure
+        from fbrl.figures.pitch import agent_figure
 
         figure = agent_figure(
             positions,

@@ -13,21 +13,21 @@ from typing import Any
 import torch
 
 from fbrl.agent import load_agent, make_training_reward
-from fbrl.config import TrainConfig
-from fbrl.envs import make_env
-from fbrl.envs.factory import EPISODE_PREFIX
-from fbrl.envs.vector_env import ActionSet
-from fbrl.evaluate import Evaluation, Policy, evaluate, other_seed
-from fbrl.policies import make_policy
-from fbrl.run_groups import RunGroup, group_runs
-from fbrl.run_log import (
+from fbrl.analysis.run_groups import RunGroup, group_runs
+from fbrl.analysis.run_log import (
     GOAL_DIFFERENCE,
     RunLog,
     frames_until,
     paper_goal_difference,
     read_run_log,
 )
-from fbrl.seeds import Estimate, interquartile_mean, probability_of_improvement
+from fbrl.analysis.seed_statistics import Estimate, interquartile_mean, probability_of_improvement
+from fbrl.config import TrainConfig
+from fbrl.envs import make_env
+from fbrl.envs.factory import EPISODE_PREFIX
+from fbrl.envs.vector_env import ActionSet
+from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate, other_seed
+from fbrl.evaluation.policies import make_policy
 from fbrl.transforms import ScoringReward
 
 Row = dict[str, Any]
@@ -119,7 +119,7 @@ def play(
     Args:
         contestant: Who plays.
         scenario: Where.
-        episodes: How many matches at least, see :func:`fbrl.evaluate.play_matches`.
+        episodes: How many matches at least, see :func:`fbrl.evaluation.evaluation.play_matches`.
         seed: Seeds the matches, see :func:`fresh_seed`, and the sampled actions.
         num_envs: Matches at a time.
         greedy: Take the most probable action instead of sampling.
@@ -269,9 +269,9 @@ def training_row(contestant: Contestant, threshold: float, tolerance: float) -> 
         tolerance: How far it may fall below that afterwards.
 
     Returns:
-        ``frames_until_threshold`` by :func:`fbrl.run_log.frames_until`, and by
-        :func:`fbrl.run_log.paper_goal_difference` the figure at the end of the training; None where
-        there is no log.
+        ``frames_until_threshold`` by :func:`fbrl.analysis.run_log.frames_until`, and by
+        :func:`fbrl.analysis.run_log.paper_goal_difference` the figure at the end of the training;
+        None where there is no log.
 
     Raises:
         RunLogError: The log is damaged.

@@ -6,10 +6,10 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
-from fbrl.counts import check_count
+from fbrl.checks.counts import check_count
+from fbrl.checks.names import check_name
 from fbrl.envs.engine import BUILTIN_AI, NUM_ACTIONS
 from fbrl.envs.vector_env import ActionSet
-from fbrl.names import check_name
 
 POLICIES = ("random", "idle", "builtin-ai")
 """What :func:`make_policy` knows."""

@@ -1,0 +1,1 @@
+"""What the logs and results of runs say: groups of seeds, convergence, intervals."""

@@ -1,0 +1,5 @@
+"""A training from its configuration to its last checkpoint, and whatever may come in between."""
+
+from fbrl.training.trainer import TrainListener, train
+
+__all__ = ["TrainListener", "train"]
