@@ -22,13 +22,11 @@ _REWARD_OPTIONS = {
     "transition": ("analytics",),
     "episode_cap": ("analytics",),
 }
-CHANGEABLE_ON_RESUME = (
-    "total_frames",
+HOW_IT_IS_RUN = (
     "device",
     "num_threads",
     "collector",
     "num_workers",
-    "collect_ahead",
     "compile",
     "cuda_graphs",
     "checkpoint_interval",
@@ -36,6 +34,9 @@ CHANGEABLE_ON_RESUME = (
     "eval_interval",
     "hang_timeout",
 )
+"""What decides where and how a training is run and watched, not what is learned."""
+
+CHANGEABLE_ON_RESUME = ("total_frames", "collect_ahead", *HOW_IT_IS_RUN)
 """What may be changed when a training goes on; all the rest decides what it is."""
 
 

@@ -20,7 +20,8 @@ from compared_runs import assert_same_run, logged_steps, table
 
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.cli.train_resume import parse_resume
-from fbrl.config import ConfigError, PPOConfig, TrainConfig
+from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, PPOConfig, TrainConfig
+from fbrl.config_json import save_config
 from fbrl.training.run_dir import RunDirLock
 from fbrl.training.trainer import TrainListener, train
 
@@ -253,6 +254,42 @@ def test_the_rest_is_taken_from_the_run(finished):
     config = parse_resume("fbrl-train", ["--resume", str(finished.run_dir), *line.split()])
     expected = dataclasses.replace(longer(finished, 640), num_threads=1, device="cpu")
     assert config == dataclasses.replace(expected, eval_interval=7)
+
+
+CHANGES = {
+    "total_frames": 640,
+    "device": "cpu",
+    "num_threads": 1,
+    "collector": "processes",
+    "num_workers": 2,
+    "collect_ahead": True,
+    "compile": True,
+    "cuda_graphs": True,
+    "checkpoint_interval": 5,
+    "checkpoint_keep_interval": 6,
+    "eval_interval": 7,
+    "hang_timeout": 8,
+}
+
+
+def as_option(name, value):
+    option = f"--{name.replace('_', '-')}"
+    return [option] if value is True else [option, str(value)]
+
+
+def test_whatever_may_change_can_be_given(finished):
+    assert set(CHANGES) == set(CHANGEABLE_ON_RESUME)
+    line = [word for change in CHANGES.items() for word in as_option(*change)]
+    config = parse_resume("fbrl-train", ["--resume", str(finished.run_dir), *line])
+    for name, value in CHANGES.items():
+        assert getattr(config.ppo if name == "total_frames" else config, name) == value, name
+
+
+def test_the_number_of_workers_goes_with_the_place_of_the_matches(finished, tmp_path):
+    in_processes = dataclasses.replace(finished, collector="processes", num_workers=2)
+    save_config(in_processes, tmp_path / "config.json")
+    config = parse_resume("fbrl-train", ["--resume", str(tmp_path), "--collector", "threads"])
+    assert (config.collector, config.num_workers) == ("threads", None)
 
 
 def test_a_directory_without_a_run_is_named(run_program, tmp_path):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 from written_runs import write_run
 
-from fbrl.analysis.run_groups import RunGroupError, group_runs, single_runs
+from fbrl.analysis.run_groups import NOT_TRAINED, RunGroupError, group_runs, single_runs
 from fbrl.analysis.run_log import read_run_log
+from fbrl.config import TrainConfig
 
 
 @pytest.fixture
@@ -32,8 +35,21 @@ def test_how_a_run_was_played_saved_and_evaluated_does_not_part_it(run):
     same = [
         run(seed=0), run(seed=1, device="cpu"), run(seed=2, num_threads=1),
         run(seed=3, checkpoint_interval=5), run(seed=4, eval_episodes=7, eval_untrained=True),
+        run(seed=5, collector="processes", num_workers=2), run(seed=6, compile=True),
+        run(seed=7, cuda_graphs=True), run(seed=8, hang_timeout=1),
     ]  # fmt: skip
-    assert [len(group.runs) for group in group_runs(same)] == [5]
+    assert [len(group.runs) for group in group_runs(same)] == [len(same)]
+
+
+def test_every_setting_either_parts_runs_or_does_not():
+    """A new field of the configuration has to be put on one of the sides."""
+    names = {field.name for field in dataclasses.fields(TrainConfig)}
+    parting = {
+        "scenario", "preset", "reward", "density", "transition", "episode_cap", "observation",
+        "hidden_sizes", "activation", "collect_ahead", "ppo",
+    }  # fmt: skip
+    assert names == parting | NOT_TRAINED
+    assert not parting & NOT_TRAINED
 
 
 @pytest.mark.parametrize(

@@ -7,17 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from fbrl.analysis.run_log import RunLog
-from fbrl.config import TrainConfig
+from fbrl.config import HOW_IT_IS_RUN, TrainConfig
 from fbrl.config_json import config_to_dict
 from fbrl.presets import preset_config
 
 NOT_TRAINED = frozenset(
-    {
-        "seed", "run_dir", "device", "num_threads", "checkpoint_interval",
-        "checkpoint_keep_interval", "eval_episodes", "eval_untrained", "eval_interval",
-        "eval_pictures",
-    }
-)  # fmt: skip
+    {"seed", "run_dir", "eval_episodes", "eval_untrained", "eval_pictures", *HOW_IT_IS_RUN}
+)
 """Fields of a configuration that may differ within a group: they leave what is learned alone."""
 
 Settings = Mapping[str, Any]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_type_hints
 
 from fbrl.analysis.run_log import RunLogError, read_run_log
 from fbrl.checks.names import UnknownNameError
 from fbrl.cli.errors import Parser, fail
-from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, TrainConfig
+from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, PPOConfig, TrainConfig
 
 RESUME_DESCRIPTION = """Go on with a training where it stopped, as if it had never stopped. Its
 configuration is that of RUN_DIR, but for what is given here. The learning rate falls to 0 at
@@ -25,9 +27,12 @@ def parse_resume(program: str, arguments: Sequence[str]) -> TrainConfig:
     """The configuration of the run in a directory, with what may be changed on top of it."""
     parser = Parser(prog=program, description=RESUME_DESCRIPTION)
     parser.add_argument("--resume", type=Path, metavar="RUN_DIR", required=True)
+    kinds = get_type_hints(PPOConfig) | get_type_hints(TrainConfig)
     for name in CHANGEABLE_ON_RESUME:
-        kind = str if name == "device" else int
-        parser.add_argument(_option(name), type=kind)
+        if kinds[name] is bool:
+            parser.add_argument(_option(name), action=argparse.BooleanOptionalAction)
+        else:
+            parser.add_argument(_option(name), type=str if kinds[name] is str else int)
     options, others = parser.parse_known_args(list(arguments))
     if others:
         fail(
@@ -39,6 +44,9 @@ def parse_resume(program: str, arguments: Sequence[str]) -> TrainConfig:
     changes = {name: value for name, value in changes.items() if value is not None}
     try:
         config = read_run_log(options.resume).config
+        if changes.get("collector", config.collector) != config.collector:
+            # How many workers there were belongs to where the matches were played.
+            changes.setdefault("num_workers", None)
         ppo = config.ppo
         if "total_frames" in changes:
             ppo = dataclasses.replace(ppo, total_frames=changes.pop("total_frames"))

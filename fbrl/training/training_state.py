@@ -209,8 +209,8 @@ def check_resumable(state: Mapping[str, Any], config: TrainConfig) -> None:
         if not isinstance(state[name], kind) or (name == "frames" and state[name] < 0):
             raise CheckpointError(f"The checkpoint has {state[name]!r:.80} as {name}.")
     before, now = _flat(config_from_dict(state["config"])), _flat(config)
-    for name in before.keys() - {"run_dir", *CHANGEABLE_ON_RESUME}:
-        if before[name] != now[name]:
+    for name in before:
+        if name not in ("run_dir", *CHANGEABLE_ON_RESUME) and before[name] != now[name]:
             raise ConfigError(
                 f"{name} is {now[name]}, but the training had {before[name]}. When it "
                 f"goes on, only these may change: {', '.join(CHANGEABLE_ON_RESUME)}."
