@@ -10,9 +10,7 @@ import torch
 from torch import Tensor
 
 from fbrl.envs import make_env
-from fbrl.transforms import AssistDensityReward, ShapedReward
-from fbrl.transforms.along_time import Memory
-from fbrl.transforms.ball_control import Observation, in_control
+from fbrl.transforms import AssistDensityReward, Memory, Observation, ShapedReward, in_control
 
 
 class ProgressReward(ShapedReward):

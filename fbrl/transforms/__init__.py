@@ -1,7 +1,9 @@
 """TorchRL transforms for rewards and observations; usable without gfootball installed."""
 
+from fbrl.transforms.along_time import Memory
 from fbrl.transforms.assist_potential import AssistDensityPotential
 from fbrl.transforms.assist_reward import AssistDensityReward
+from fbrl.transforms.ball_control import Observation, in_control
 from fbrl.transforms.checkpoint_reward import CheckpointReward
 from fbrl.transforms.minimap import MiniMapCells, SuperMiniMap
 from fbrl.transforms.play_statistics import PLAY_STATISTICS, PlayStatistics
@@ -14,10 +16,13 @@ __all__ = [
     "AssistDensityPotential",
     "AssistDensityReward",
     "CheckpointReward",
+    "Memory",
     "MiniMapCells",
+    "Observation",
     "PlayStatistics",
     "ScoringReward",
     "ShapedReward",
     "Simple115",
     "SuperMiniMap",
+    "in_control",
 ]
