@@ -2,6 +2,7 @@
 
 import argparse
 
+import torch
 from torch import nn
 
 from fbrl.config import PPOConfig
@@ -15,6 +16,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=20_000)
     frames = parser.parse_args().frames
 
+    torch.manual_seed(0)
     # Any module from the observation to features; the policy's and the value's heads are added.
     trunk = nn.Sequential(nn.LayerNorm(115), nn.Linear(115, 128), nn.SiLU(), nn.Linear(128, 64))
     model = ActorCritic(trunk, "simple115", num_features=64, num_actions=19)

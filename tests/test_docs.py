@@ -1,13 +1,23 @@
-"""Pages say what the source says: scenarios, observations, actions; links lead somewhere."""
+"""Pages say what the source says: scenarios, observations, actions, options; links lead on."""
 
 from __future__ import annotations
 
+import argparse
+import dataclasses
+import importlib.util
+import os
 import re
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import REPOSITORY
 
+from fbrl.cli import density, doctor, eval, plot, watch
+from fbrl.config import CHANGEABLE_ON_RESUME, PPOConfig, TrainConfig
 from fbrl.envs import OBSERVATION_SPACE, SCENARIOS
 from fbrl.envs.actions import ACTION_NAMES
 
@@ -17,6 +27,10 @@ PAGES = [
     for pattern in ("*.md", "docs/*.md", "docs/api/*.md", "experiments/*/README.md")
     for path in sorted(REPOSITORY.glob(pattern))
 ]
+
+PER_PAGE = pytest.mark.parametrize(
+    "page", PAGES, ids=lambda path: str(path.relative_to(REPOSITORY))
+)
 
 
 def table(page: str, heading: str) -> list[list[str]]:
@@ -68,7 +82,97 @@ def test_the_table_of_actions_is_that_of_the_source():
         assert described[index].startswith(name.replace("_", " "))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(REPOSITORY)))
+def parser_options(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """The options of a command and of its subcommands."""
+    for action in parser._actions:
+        yield from action.option_strings
+        if isinstance(action, argparse._SubParsersAction):
+            for subcommand in action.choices.values():
+                yield from parser_options(subcommand)
+
+
+def as_options(names: Iterable[str], prefix: str = "--") -> set[str]:
+    return {prefix + name.replace("_", "-") for name in names}
+
+
+def command_options() -> dict[str, set[str]]:
+    """The options of each of fbrl's commands."""
+    fields = [*dataclasses.fields(TrainConfig), *dataclasses.fields(PPOConfig)]
+    switches = [field.name for field in fields if field.type == "bool"]
+    train = as_options(field.name for field in fields) | as_options(switches, "--no-")
+    commands = {
+        f"fbrl-{module.__name__.rpartition('.')[2]}": set(parser_options(module._parser()))
+        for module in (density, doctor, eval, plot, watch)
+    }
+    return {"fbrl-train": train | {"--resume", "--help"}, **commands}
+
+
+@PER_PAGE
+def test_commands_on_a_page_have_the_options_they_are_shown_with(page):
+    options = command_options()
+    lines = page.read_text().replace("\\\n", " ").splitlines()
+    shown = [
+        (command, option)
+        for line in lines
+        for command, arguments in re.findall(r"\b(fbrl-[a-z]+)\b([^`#&|;]*)", line)
+        for option in re.findall(r"(?<!\S)--[a-z][a-z-]*", arguments)
+    ]
+    assert [(command, option) for command, option in shown if option not in options[command]] == []
+
+
+@PER_PAGE
+def test_options_that_a_page_speaks_of_exist(page):
+    scripts = [
+        path.read_text()
+        for pattern in ("experiments/*/*.py", "benchmarks/__main__.py")
+        for path in REPOSITORY.glob(pattern)
+    ]
+    known = set().union(*command_options().values(), re.findall(r'"(--[a-z-]+)"', "".join(scripts)))
+    spoken_of = re.findall(r"`(--[a-z][a-z-]*)\b", page.read_text())
+    # Of TensorBoard's command, which keeps it on this machine.
+    assert set(spoken_of) - known - {"--host", "--logdir"} == set()
+
+
+def test_the_table_of_what_may_change_has_the_options_of_resume():
+    cells = "".join(row[0] for row in table("checkpoints.md", "## What may change"))
+    assert set(re.findall(r"--[a-z-]+", cells)) == as_options(CHANGEABLE_ON_RESUME)
+
+
+def test_the_scenario_of_ones_own_is_played(tmp_path):
+    text = (DOCS / "environment.md").read_text().split("### A scenario of your own")[1]
+    package = Path(importlib.util.find_spec("gfootball").origin).parent
+    scenarios = tmp_path / "gfootball" / "scenarios"
+    scenarios.mkdir(parents=True)
+    # A gfootball with one more scenario, so that the installed one stays as it is.
+    for folder in (package, package / "scenarios"):
+        for path in folder.iterdir():
+            link = tmp_path / "gfootball" / path.relative_to(package)
+            if not link.exists():
+                link.symlink_to(path)
+    code = re.search(r"```python\n(.*?)```", text, flags=re.DOTALL).group(1)
+    (scenarios / "my_2_vs_1.py").write_text(code)
+    program = """
+from fbrl.config import preset_config
+from fbrl.envs import FootballEnv
+preset_config("light", "my_2_vs_1").check()
+env = FootballEnv("my_2_vs_1")
+observation, _ = env.reset(seed=1)
+env.step(5)
+players = [int((observation[f"{side}_team_roles"] >= 0).sum()) for side in ("left", "right")]
+print(players, int(observation["steps_left"]))
+"""
+    paths = [str(tmp_path), *sys.path]
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout == "[3, 2] 400\n", done.stderr
+
+
+@PER_PAGE
 def test_links_within_the_repository_lead_to_files(page):
     links = re.findall(r"\]\(([^)\s#]+)(?:#[^)\s]*)?\)", page.read_text())
     local = [link for link in links if "://" not in link]
