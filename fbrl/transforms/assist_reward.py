@@ -35,9 +35,9 @@ class AssistDensityReward(ShapedReward):
     ``transition(s, s')`` says that the controlled player received a pass:
 
     - ``"possession"``: a controlled player has the ball in play, and the last controlled player who
-      had it was another one. The other team's possession, a dead ball (``game_mode != 0``) and the
-      end of the episode are forgotten; the ball in flight, or at a team-mate who is not controlled,
-      is waited for.
+      had it was another one. He is forgotten when the other team has the ball, at a dead ball
+      (``game_mode != 0``) and at the end of the episode; not while the ball is in flight, or at a
+      team-mate who is not controlled.
     - ``"consecutive"``: the literal reading, the controlled player's index in s' differs from that
       in s. The engine gives control to the receiver when the pass is played, while nobody has the
       ball, so this seldom pays.
