@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
+from sphinx.util.inspect import signature as signature_of
+from sphinx.util.inspect import stringify_signature
 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
@@ -31,6 +33,7 @@ myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "Array"}
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 napoleon_google_docstring = True
@@ -58,6 +61,17 @@ def keep_colons(
         lines[:0] = ["..", ""]  # a comment, so that the first line has no colon
 
 
+def show_constructor(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str, returns: str
+) -> tuple[str, None] | None:
+    """Tensordict's modules hide the signature of ``__init__`` behind that of ``__new__``."""
+    if what != "class" or signature != "(*args, **kwargs)":
+        return None
+    constructor = signature_of(obj.__init__, bound_method=True)
+    return stringify_signature(constructor, show_annotation=False), None
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    app.connect("autodoc-process-signature", show_constructor)
     app.connect("autodoc-process-docstring", keep_colons, priority=400)  # napoleon's is 500
