@@ -152,7 +152,7 @@ def test_the_scenario_of_ones_own_is_played(tmp_path):
     code = re.search(r"```python\n(.*?)```", text, flags=re.DOTALL).group(1)
     (scenarios / "my_2_vs_1.py").write_text(code)
     program = """
-from fbrl.config import preset_config
+from fbrl.presets import preset_config
 from fbrl.envs import FootballEnv
 preset_config("light", "my_2_vs_1").check()
 env = FootballEnv("my_2_vs_1")
