@@ -55,6 +55,7 @@ def main() -> None:
     sums = RewardSum(in_keys=["reward_start_density", "reward_end_density"])
     env = TransformedEnv(GymWrapper(PassingDrill()), Compose(reward, sums))
     torch.manual_seed(0)
+    env.set_seed(0)
     data = env.rollout(steps)
     print(f"{len(data)} steps; paid in the episode")
     for part in ("start_density", "end_density"):
