@@ -128,7 +128,7 @@ def test_options_that_a_page_speaks_of_exist(page):
         for path in REPOSITORY.glob(pattern)
     ]
     known = set().union(*command_options().values(), re.findall(r'"(--[a-z-]+)"', "".join(scripts)))
-    spoken_of = re.findall(r"`(--[a-z][a-z-]*)\b", page.read_text())
+    spoken_of = re.findall(r"`(--[a-z]+(?:-[a-z]+)*)(?![-\w])", page.read_text())
     # Of TensorBoard's command, which keeps it on this machine.
     assert set(spoken_of) - known - {"--host", "--logdir"} == set()
 
