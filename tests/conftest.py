@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 import signal
@@ -16,6 +17,31 @@ from fbrl.envs import FootballVectorEnv
 from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 
 REPOSITORY = Path(__file__).parent.parent
+ENGINE_IS_INSTALLED = importlib.util.find_spec("gfootball_engine") is not None
+needs_engine = pytest.mark.skipif(not ENGINE_IS_INSTALLED, reason="asks for the football engine")
+
+
+def pytest_report_header():
+    """Says at the top of the output why so many tests are skipped."""
+    if not ENGINE_IS_INSTALLED:
+        return "football engine: not installed; tests that ask for it are skipped"
+    return None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item):
+    """Where no engine is installed, a test that fails for want of it counts as skipped.
+
+    So no list of them has to be kept; only a test whose report doesn't show that the engine was
+    missed, such as one of a program's exit code, is marked with ``needs_engine``.
+    """
+    report = yield
+    if not ENGINE_IS_INSTALLED and report.failed:
+        told = [report.longreprtext, *(text for _, text in report.sections)]
+        if any("The football engine can't be imported" in text for text in told):
+            report.outcome = "skipped"
+            report.longrepr = (str(item.path), None, "Skipped: asks for the football engine")
+    return report
 
 
 @pytest.fixture(scope="session", autouse=True)

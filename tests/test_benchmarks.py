@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from conftest import needs_engine
 from gymnasium import spaces
 from tensordict import TensorDict
 
@@ -79,6 +80,7 @@ def results_of(*rows):
     return SectionResults(machine(), [Row(*row) for row in rows])
 
 
+@needs_engine
 def test_gfootballs_own_environment_plays_the_same_matches_as_ours(tmp_path):
     actions = np.random.default_rng(SEED).integers(19, size=NUM_STEPS).tolist()
     path = tmp_path / "played.npz"
@@ -113,6 +115,7 @@ def test_gfootballs_own_environment_plays_the_same_matches_as_ours(tmp_path):
     np.testing.assert_array_equal(peer["extracted"], np.array(planes))
 
 
+@needs_engine
 def test_gfootballs_own_environment_is_refused_where_ours_has_imported_it():
     script = (
         "from fbrl.envs.engine import load_gfootball; load_gfootball();"
@@ -303,6 +306,7 @@ def run_benchmarks(*arguments):
     )
 
 
+@needs_engine
 @pytest.mark.slow
 def test_a_quick_run_measures_every_contestant_and_writes_tables_and_picture(tmp_path):
     for section in ("engine", "environment"):

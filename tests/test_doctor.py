@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from conftest import needs_engine
 
 from fbrl import doctor
 from fbrl.cli.doctor import main
@@ -29,6 +30,7 @@ def shadow_engine(directory: Path, source: str) -> str:
     return str(directory)
 
 
+@needs_engine
 def test_a_working_installation_passes_and_its_report_is_json() -> None:
     process = subprocess.run([*COMMAND, "--json", "--no-render"], capture_output=True, text=True)
     assert process.returncode == 0, process.stdout + process.stderr
@@ -99,6 +101,7 @@ def test_a_module_in_the_working_directory_is_not_taken_for_a_package(
     assert run_check(CHECK["torch and device"]).status != "fail"
 
 
+@needs_engine
 def test_missing_libraries_are_named_with_their_debian_packages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -133,7 +133,8 @@ def test_seeds_are_pooled_and_configurations_compared(run_program, tmp_path):
 def test_a_runs_log_says_when_it_converged_and_what_the_paper_would_report(run_program, tmp_path):
     run = make_run(tmp_path / "run", 0, goals=(0.1, 0.6, 0.3, 0.52, 0.45, 0.7))
     line = ["fbrl-eval", run, "--episodes", 2, "--json", tmp_path / "out.json"]
-    assert run_program(*line).returncode == 0
+    done = run_program(*line)
+    assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["training"]
     assert (row["frames"], row["frames_until_threshold"]) == (6000, 4000)
     assert row["paper_goal_difference"] == 0.7
@@ -163,7 +164,8 @@ def test_an_agent_does_not_play_the_matches_that_its_training_began_with(run_pro
     for seed in (5, 6):
         line = ["fbrl-eval", run, "--seed", seed, "--episodes", 2, "--json", tmp_path / "out.json"]
         line += ["--policy", "random", "--scenario", SCENARIO, "--scenario", "academy_empty_goal"]
-        assert run_program(*line).returncode == 0
+        done = run_program(*line)
+        assert done.returncode == 0, done.stderr
         results = json.loads((tmp_path / "out.json").read_text())["results"]
         rows[seed] = [row["evaluation_seed"] for row in results]
     assert rows == {5: [5 + 2**31, 5, 5, 5], 6: [6, 6, 6, 6]}

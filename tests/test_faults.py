@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import torch
 from compared_runs import assert_same_run, logged_steps, table
+from conftest import needs_engine
 from tensordict import TensorDict
 
 from fbrl.agent import make_model
@@ -143,6 +144,7 @@ cp -r disk/run kept
 """
 
 
+@needs_engine
 def test_a_read_only_and_then_a_full_disk_end_in_one_line_and_exit_code_1(tmp_path):
     own_mounts = ["unshare", "--map-root-user", "--mount"]
     if subprocess.run([*own_mounts, "true"], check=False, capture_output=True).returncode:
@@ -259,6 +261,7 @@ COMMAND = [
 ]
 
 
+@needs_engine
 def test_an_engine_that_hangs_ends_the_process_with_everything_saved(tmp_path):
     run_dir = tmp_path / "run"
     done = fall_into_trap("hang", *COMMAND, cwd=tmp_path)
@@ -300,6 +303,7 @@ def test_after_a_crash_evaluations_play_other_matches(config, monkeypatch):
     assert after_one.isdisjoint(after_two)
 
 
+@needs_engine
 def test_an_engine_that_aborts_leaves_a_run_that_goes_on_even_without_any_output(tmp_path):
     run_dir = tmp_path / "run"
     done = fall_into_trap("abort", *COMMAND, cwd=tmp_path)

@@ -10,6 +10,7 @@ import sys
 import gymnasium
 import numpy as np
 import pytest
+from conftest import needs_engine
 from gfootball_oracle import make_gfootball_env, pad, shoot_near_goal
 from gymnasium.utils.env_checker import check_env
 from torchrl.envs import GymEnv
@@ -143,6 +144,7 @@ def test_agrees_with_gfootball_on_every_scenario(scenario):
     play_side_by_side(scenario, 11, random_policy(11), episodes=2, max_steps=40)
 
 
+@needs_engine
 def test_agrees_with_gfootball_on_a_scenario_outside_the_table():
     play_side_by_side("tests.11_vs_4_offence_deterministic", 1, random_policy(1), 1, 60)
 
@@ -268,6 +270,7 @@ def test_pythons_global_random_state_is_left_alone():
     env.close()
 
 
+@needs_engine
 def test_no_gym_banner_and_no_gym_module():
     program = (
         "import sys; from fbrl.envs import FootballEnv; "

@@ -29,7 +29,6 @@ def checkpoint(tmp_path_factory):
 
 
 def test_an_agent_starts_with_the_ball_in_front_of_the_empty_goal(checkpoint):
-    pytest.importorskip("gfootball_engine")
     done = []
     positions = ball_positions(checkpoint, 3, num_envs=2, on_progress=done.append)
     assert positions.shape[1] == 2
@@ -41,7 +40,6 @@ def test_an_agent_starts_with_the_ball_in_front_of_the_empty_goal(checkpoint):
 
 
 def test_the_same_seed_gives_the_same_positions_and_leaves_torchs_seed_alone(checkpoint):
-    pytest.importorskip("gfootball_engine")
     torch.manual_seed(3)
     expected = torch.rand(1)
     torch.manual_seed(3)

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import torch
 from compared_runs import assert_same_run, logged_steps, table
+from conftest import needs_engine
 
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.cli.train_resume import parse_resume
@@ -324,6 +325,7 @@ def wait_for_rows(process, run_dir, number):
         time.sleep(0.01)
 
 
+@needs_engine
 def test_the_command_that_an_interrupted_run_prints_goes_on(tmp_path):
     run_dir = tmp_path / "run"
     process = start(*COMMAND, cwd=tmp_path)

@@ -11,6 +11,7 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
+from conftest import needs_engine
 from watching import recorded_matches
 
 from fbrl.cli.watch import main
@@ -43,6 +44,7 @@ def watch(tmp_path, monkeypatch, capsys):
     signal.signal(signal.SIGTERM, handler)
 
 
+@needs_engine
 def test_an_agents_goals_are_shown_and_kept(shooter, watch, tmp_path):
     code, output, errors = watch(
         shooter, "--only", "goals", "--episodes", 2, "--seed", 3, "--width", 640,
@@ -80,6 +82,7 @@ def test_an_agents_goals_are_shown_and_kept(shooter, watch, tmp_path):
     assert names == {"goals.mp4", "goals.npz", "again.mp4"}
 
 
+@needs_engine
 def test_the_same_seed_gives_the_same_gif_of_a_policy(watch, tmp_path):
     options = ["--policy", "random", "--scenario", SCENARIO, "--width", 320, "--seed", 8]
     for name in ("one.gif", "two.gif"):
@@ -167,6 +170,7 @@ def test_what_is_not_installed_is_named_with_its_remedy(
     assert list(tmp_path.iterdir()) == []
 
 
+@needs_engine
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_video_leaves_nothing_behind(number, tmp_path):
     program = Path(sys.executable).with_name("fbrl-watch")
