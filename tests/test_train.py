@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import itertools
 import json
@@ -23,6 +24,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from fbrl.agent import make_model
 from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train_display import TrainDisplay
+from fbrl.config import PPOConfig, TrainConfig
 from fbrl.config_json import config_from_dict
 from fbrl.envs import make_env
 from fbrl.monitor import SCALARS
@@ -302,10 +304,25 @@ def test_the_bar_of_the_training_comes_back_after_an_evaluation():
             assert [t.description for t in display._bar.tasks if t.visible] == [expected]
 
 
-def test_help_names_every_option_with_its_default(run_program):
+@pytest.mark.parametrize("program", ["fbrl-train", "fbrl-eval"])
+def test_a_reader_of_the_help_that_has_gone_ends_it_without_a_word(program):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "wb") as output:
+        line = [Path(sys.executable).with_name(program), "--help"]
+        done = subprocess.run(line, stdout=output, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+def test_help_names_every_option_with_its_values_and_its_default(run_program):
     done = run_program("fbrl-train", "--help")
     assert done.returncode == 0
-    for expected in ("--clip-epsilon", "0.2", "--reward", "analytics", "Examples"):
-        assert expected in done.stdout
+    text = " ".join(done.stdout.replace("\u2502", " ").split())
+    for field in (*dataclasses.fields(TrainConfig), *dataclasses.fields(PPOConfig)):
+        if field.name not in ("scenario", "ppo"):
+            assert f"--{field.name.replace('_', '-')}" in text
+    assert "--reward analytics|potential|checkpoints|scoring" in text
+    assert "(default: 0.2)" in text
+    assert "{None}" not in text
     thesis = run_program("fbrl-train", "11_vs_11_easy_stochastic", "--preset", "thesis", "--help")
     assert "minimap" in thesis.stdout

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -40,9 +41,19 @@ class Parser(argparse.ArgumentParser):
 
 @contextlib.contextmanager
 def ending_when_interrupted(program: str, remark: str = "interrupted") -> Iterator[None]:
-    """Answers an interruption with one line on stderr and exit code 130."""
+    """Answers an interruption with one line on stderr and exit code 130.
+
+    A reader of the output that has gone, such as ``head``, ends the program without a word.
+    """
     try:
-        yield
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Python flushes standard output once more when it ends, and would complain then.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except KeyboardInterrupt:
         print(f"{program}: {remark}", file=sys.stderr)
         sys.exit(INTERRUPTED)

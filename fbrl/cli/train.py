@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import os
 import shlex
 import sys
@@ -15,7 +14,6 @@ from typing import TYPE_CHECKING
 # when PyTorch is imported.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-import tyro
 from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
@@ -23,6 +21,7 @@ from fbrl.checks.names import UnknownNameError
 from fbrl.cli.errors import INTERRUPTED, ending_when_interrupted, fail, parsing
 from fbrl.cli.lasting_output import lasting_output
 from fbrl.cli.train_display import TrainDisplay, resume_command, tensorboard_command
+from fbrl.cli.train_options import parse_options
 from fbrl.cli.train_resume import asks_to_resume, parse_resume
 from fbrl.config import PRESET_NAMES, ConfigError, TrainConfig
 from fbrl.presets import preset_config
@@ -36,15 +35,11 @@ DESCRIPTION = """Train a football agent with PPO on a scenario of Google Researc
 
 The defaults shown are those of the preset light; add --preset thesis to see that one's. Every
 option can be set on top of a preset. Examples:
-
   fbrl-train academy_3_vs_1_with_keeper
-
   fbrl-train academy_counterattack_hard --preset thesis --device cuda
-
   fbrl-train 11_vs_11_easy_stochastic --reward scoring --total-frames 2000000 --num-envs 16
 
 A training that was interrupted, or that died, goes on as if it had never stopped with
-
   fbrl-train --resume RUN_DIR
 
 Of its options only a few can then be changed, see fbrl-train --resume RUN_DIR --help.
@@ -134,14 +129,7 @@ def parse(arguments: Sequence[str]) -> TrainConfig:
 
 def _parse(arguments: Sequence[str], defaults: TrainConfig) -> TrainConfig:
     with parsing(PROGRAM):
-        return tyro.cli(
-            TrainConfig,
-            args=list(arguments),
-            prog=PROGRAM,
-            description=DESCRIPTION,
-            default=dataclasses.replace(defaults, scenario=tyro.MISSING),
-            config=(tyro.conf.OmitArgPrefixes, tyro.conf.PositionalRequiredArgs),
-        )
+        return parse_options(PROGRAM, DESCRIPTION, arguments, defaults)
 
 
 def report(console: Console, result: TrainResult) -> None:
