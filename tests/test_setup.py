@@ -208,6 +208,17 @@ def test_without_root_the_administrators_command_is_given(clone: Path) -> None:
     assert "ran:" not in process.stdout
 
 
+def test_without_root_and_python_one_command_installs_all_that_is_missing(clone: Path) -> None:
+    nothing_fits = 'python_problem() { echo "is too old"; };'
+    script = (
+        f"{DPKG} find_root() {{ return 1; }}; {nothing_fits} install_system_packages .; find_python"
+    )
+    process = bash(clone, script)
+    assert process.returncode != 0
+    assert "no Python that fbrl can use" in process.stderr
+    assert "python3-venv python3-dev libboost-python-dev cmake libegl1\n" in process.stderr
+
+
 def test_a_failed_step_shows_its_log_and_a_remedy(clone: Path) -> None:
     script = "run_logged 'Some step' step.log bash -c 'echo no cmake: cmake: not found; exit 3'"
     process = bash(clone, script)

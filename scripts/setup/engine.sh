@@ -89,7 +89,7 @@ make_default_engine() {
 
 require_build_packages() {
   local package program missing=()
-  for package in ${NOT_INSTALLED[@]+"${NOT_INSTALLED[@]}"}; do
+  for package in "${NOT_INSTALLED[@]}"; do
     [[ " ${BUILD_PACKAGES[*]} " != *" $package "* ]] || missing+=("$package")
   done
   if [[ ${#missing[@]} -gt 0 ]]; then

@@ -14,6 +14,9 @@ RENDER_PACKAGES=(libegl1 libegl-mesa0 libgl1-mesa-dri)
 # Matches run faster with its allocator, which the commands find by themselves.
 ALLOCATOR_PACKAGES=(libtcmalloc-minimal4)
 
+# What is missing and could not be installed.
+NOT_INSTALLED=()
+
 # missing_packages NAME...: those that dpkg does not have installed, one a line.
 missing_packages() {
   local name installed
@@ -45,7 +48,6 @@ find_root() {
 # since a cached engine needs none of the build packages.
 install_system_packages() {
   local log_dir=$1 missing
-  NOT_INSTALLED=()
   if [[ ${NO_APT:-} == 1 ]]; then
     say "System packages: skipped (NO_APT=1)"
     return

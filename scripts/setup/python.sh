@@ -57,6 +57,7 @@ installed_boost_pythons() {
 # Sets PYTHON_FOUND, or stops with every candidate and what is wrong with it.
 find_python() {
   local candidate problem candidates=() report=()
+  local package packages=(python3-venv python3-dev libboost-python-dev)
   if [[ -n ${PYTHON:-} ]]; then
     problem=$(python_problem "$PYTHON")
     [[ -z $problem ]] || die "PYTHON=$PYTHON: $problem" \
@@ -76,8 +77,12 @@ find_python() {
     report+=("$candidate $problem")
   done
   if [[ ${#report[@]} -gt 0 ]]; then printf '  %s\n' "${report[@]}" >&2; fi
+  # All that is missing at once: the engine would ask for the rest in the next call.
+  for package in "${NOT_INSTALLED[@]}"; do
+    [[ " ${packages[*]} " == *" $package "* ]] || packages+=("$package")
+  done
   die "no Python that fbrl can use: it needs 3.10 or newer, with venv, and the Boost.Python for it" \
-    "$(apt_command python3-venv python3-dev libboost-python-dev)"
+    "$(apt_command "${packages[@]}")"
 }
 
 # make_venv PYTHON VENV LOG_DIR [fresh]: a working virtual environment of that Python's version.
