@@ -14,7 +14,6 @@ Exit code 0: all is finished. 1: some failed. 2: bad usage. 130: interrupted.
 
 from __future__ import annotations
 
-import argparse
 import concurrent.futures
 import contextlib
 import itertools
@@ -238,12 +237,7 @@ def outcome_of(training: Future[int], point: Point) -> str:
 
 def main() -> None:
     """Runs the command."""
-    parser = Parser(
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        prog=PROGRAM,
-        allow_abbrev=False,
-    )
+    parser = Parser(prog=PROGRAM, description=__doc__)
     parser.add_argument("grid", type=Path, help="YAML file of options of fbrl-train")
     parser.add_argument("runs", type=Path, help="directory for the runs")
     parser.add_argument("--cpus-per-run", type=positive_integer, default=1)
