@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from inspect import signature
+from typing import get_args
 
 import pytest
 
-from fbrl.config import ConfigError, PPOConfig, TrainConfig
+from fbrl.config import (
+    ACTIVATION_NAMES,
+    OBSERVATION_NAMES,
+    REWARD_NAMES,
+    ConfigError,
+    PPOConfig,
+    TrainConfig,
+)
 from fbrl.config_json import config_from_dict, save_config
 from fbrl.envs import factory
+from fbrl.models import MLP, actor_critic, build_actor_critic, mlp
 from fbrl.presets import preset_config
 
 # Table 5.1 of the thesis: academy scenarios, 11 against 11.
@@ -52,11 +62,22 @@ def test_the_light_preset_is_for_a_cpu():
     config.check()
 
 
-def test_names_agree_with_those_of_the_factory():
-    from fbrl import config
+def test_names_agree_with_those_of_the_factory_and_the_networks():
+    assert set(REWARD_NAMES) == set(factory.REWARDS)
+    assert set(OBSERVATION_NAMES) == set(factory.OBSERVATIONS)
+    assert set(OBSERVATION_NAMES) == set(actor_critic.OBSERVATION_KEYS)
+    assert set(OBSERVATION_NAMES) == set(get_args(actor_critic.ObservationName))
+    assert set(ACTIVATION_NAMES) == set(get_args(mlp.Activation))
 
-    assert set(config.REWARD_NAMES) == set(factory.REWARDS)
-    assert set(config.OBSERVATION_NAMES) == set(factory.OBSERVATIONS)
+
+def test_a_network_is_by_default_that_of_a_training():
+    given = {
+        name: value.default for name, value in signature(build_actor_critic).parameters.items()
+    }
+    trained = TrainConfig("academy_empty_goal")
+    assert given["activation"] == trained.activation
+    assert given["hidden_sizes"] == trained.hidden_sizes
+    assert signature(MLP).parameters["activation"].default == trained.activation
 
 
 def test_batch_sizes():

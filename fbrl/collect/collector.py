@@ -8,11 +8,11 @@ from collections.abc import Iterator
 
 import torch
 from tensordict import TensorDictBase
+from torch import nn
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.models.actor_critic import CollectionPolicy
-from fbrl.models.impala import ImpalaCNN
 
 
 class BatchCollector(abc.ABC):
@@ -115,11 +115,12 @@ def inference_threads(policy: CollectionPolicy) -> int:
     """Threads of PyTorch's operations while experience is collected.
 
     A perceptron's few numbers are computed sooner by one thread than spread over several, which
-    the threads of the matches would then have to make way for. The convolutional network on a CPU
+    the threads of the matches would then have to make way for. A convolutional network on a CPU
     takes all.
     """
     is_on_cpu = policy.value_head.weight.device.type == "cpu"
-    return torch.get_num_threads() if is_on_cpu and isinstance(policy.trunk, ImpalaCNN) else 1
+    convolves = any(isinstance(module, nn.Conv2d) for module in policy.trunk.modules())
+    return torch.get_num_threads() if is_on_cpu and convolves else 1
 
 
 @contextlib.contextmanager

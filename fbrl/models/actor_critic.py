@@ -21,11 +21,11 @@ __all__ = [
     "OBSERVATION_KEYS",
     "ActorCritic",
     "CollectionPolicy",
-    "Observation",
+    "ObservationName",
     "build_actor_critic",
 ]
 
-Observation = Literal["minimap", "smm", "simple115"]
+ObservationName = Literal["minimap", "smm", "simple115"]
 
 OBSERVATION_KEYS: dict[str, str] = {
     "minimap": "minimap_cells",
@@ -161,12 +161,12 @@ class CollectionPolicy(TensorDictModuleBase):
 
 
 def build_actor_critic(
-    observation: Observation,
+    observation: ObservationName,
     num_actions: int = 19,
     *,
     num_frames: int = 4,
     hidden_sizes: Sequence[int] = (256, 256),
-    activation: Activation = "tanh",
+    activation: Activation = "relu",
     device: torch.device | str | None = None,
 ) -> ActorCritic:
     """Builds the actor-critic for an observation.
@@ -180,7 +180,7 @@ def build_actor_critic(
         num_actions: number of discrete actions.
         num_frames: how many frames ``"minimap"`` and ``"smm"`` stack.
         hidden_sizes: sizes of the perceptron's layers.
-        activation: of the perceptron, ``"tanh"`` or ``"relu"``.
+        activation: of the perceptron, ``"relu"`` or ``"tanh"``.
         device: where the parameters live.
 
     Raises:

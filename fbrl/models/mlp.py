@@ -26,7 +26,7 @@ class MLP(nn.Sequential):
     Args:
         num_inputs: size of the observation vector; 115 for ``simple115``.
         hidden_sizes: size of each layer; the last one is the number of features.
-        activation: ``"tanh"`` or ``"relu"``.
+        activation: ``"relu"`` or ``"tanh"``.
         device: where the parameters live.
 
     Raises:
@@ -43,7 +43,7 @@ class MLP(nn.Sequential):
         self,
         num_inputs: int = 115,
         hidden_sizes: Sequence[int] = (256, 256),
-        activation: Activation = "tanh",
+        activation: Activation = "relu",
         device: torch.device | str | None = None,
     ) -> None:
         if activation not in list(_ACTIVATIONS):
