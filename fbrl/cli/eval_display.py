@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rich.box import SIMPLE
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
+
+from fbrl.cli.progress import ProgressDisplay
 
 SECONDS_BETWEEN_LINES = 30.0
 
@@ -19,50 +20,36 @@ _ACTIONS = {"sample": "sampled", "greedy": "greedy", None: ""}
 Row = Mapping[str, Any]
 
 
-class EvaluationProgress:
-    """A bar on a terminal, a line now and then elsewhere; both on standard error.
+class EvaluationProgress(ProgressDisplay):
+    """Shows how many matches of each evaluation are over.
 
     Args:
         episodes: Matches of each evaluation.
     """
 
     def __init__(self, episodes: int) -> None:
-        self._episodes = episodes
-        self._console = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
-        self._bar = Progress(
+        super().__init__(
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=30),
             MofNCompleteColumn(),
             TimeRemainingColumn(),
-            console=self._console,
-            transient=True,
-            disable=not self._console.is_terminal,
+            seconds_between_lines=SECONDS_BETWEEN_LINES,
         )
-        self._last_line = time.monotonic()
-
-    def __enter__(self) -> EvaluationProgress:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
+        self._episodes = episodes
 
     def of(self, description: str) -> Callable[[int], None]:
         """Begins an evaluation; the result is to be called after each step of all its matches.
 
         Its argument is the number of matches finished so far.
         """
-        task = self._bar.add_task(description, total=self._episodes)
+        task = self.bars.add_task(description, total=self._episodes)
         steps = itertools.count(1)
 
         def show(done: int) -> None:
             # Matches of 3000 steps end minutes apart, and nearly all at once.
             status = f"{description}, {next(steps):,} steps each"
-            self._bar.update(task, completed=min(done, self._episodes), description=status)
-            now = time.monotonic()
-            if not self._console.is_terminal and now - self._last_line > SECONDS_BETWEEN_LINES:
-                self._last_line = now
-                self._console.print(f"{status}: {done}/{self._episodes} matches")
+            self.bars.update(task, completed=min(done, self._episodes), description=status)
+            self.line(f"{status}: {done}/{self._episodes} matches")
 
         return show
 
