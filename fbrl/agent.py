@@ -8,16 +8,14 @@ from typing import Any
 
 import torch
 
-from fbrl.checkpoint import CHECKPOINT_NAME, CheckpointError, load_checkpoint
+from fbrl.checkpoint import CheckpointError, load_checkpoint
 from fbrl.checks.counts import check_count
 from fbrl.config import ConfigError, TrainConfig
 from fbrl.config_json import config_from_dict
 from fbrl.envs.factory import make_reward
 from fbrl.models.actor_critic import ActorCritic, build_actor_critic
+from fbrl.run_files import CHECKPOINTS, DENSITY_NAME
 from fbrl.transforms import ScoringReward
-
-DENSITY_NAME = "density.npz"
-"""Where a run keeps the densities of its reward, relative to its directory."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +80,8 @@ def keep_density(reward: ScoringReward, run_dir: Path) -> None:
     Raises:
         OSError: They can't be written.
     """
-    density = getattr(reward, "density", None)
-    if density is not None:
-        density.save(run_dir / DENSITY_NAME)
+    if reward.density is not None:
+        reward.density.save(run_dir / DENSITY_NAME)
 
 
 def load_agent(path: Path, device: torch.device | str = "cpu") -> Agent:
@@ -132,5 +129,5 @@ def _check_shapes(config: TrainConfig, weights: dict[str, torch.Tensor]) -> None
 def _run_dir(path: Path) -> Path | None:
     if path.is_dir():
         return path
-    is_in_run = path.resolve().parent.name == Path(CHECKPOINT_NAME).parent.name
+    is_in_run = path.resolve().parent.name == CHECKPOINTS
     return path.resolve().parent.parent if is_in_run else None

@@ -12,18 +12,9 @@ from typing import Any
 import torch
 
 from fbrl.files.atomic_write import atomic_write
+from fbrl.run_files import CHECKPOINT_NAME, PREVIOUS_NAME
 
 FORMAT_VERSION = 2
-
-CHECKPOINT_NAME = "checkpoints/last.pt"
-"""Where a run keeps its latest checkpoint, relative to its directory."""
-
-PREVIOUS_NAME = "checkpoints/previous.pt"
-"""Where it keeps the one before, which is taken where the latest is damaged."""
-
-BEST_NAME = "checkpoints/best.pt"
-"""Where it keeps that of the evaluation with the highest mean goal difference."""
-
 
 _PLAIN_TYPES = (type(None), bool, int, float, str)
 

@@ -19,11 +19,14 @@ def choose_device(name: str) -> torch.device:
         device = torch.device(name)
     except RuntimeError as error:
         raise ConfigError(f"device is {name!r}; it must be auto, cpu, cuda or cuda:1.") from error
-    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+    count = torch.cuda.device_count()
+    if device.type == "cuda" and not count:
         raise ConfigError(
-            f"device is {name!r}, but PyTorch finds {torch.cuda.device_count()} CUDA devices. "
-            "Use --device cpu, or install a CUDA build of PyTorch and its driver."
+            f"device is {name!r}, but PyTorch finds no CUDA device. Use cpu, or install a CUDA "
+            "build of PyTorch and its driver."
         )
+    if device.type == "cuda" and (device.index or 0) >= count:
+        raise ConfigError(f"device is {name!r}; the last CUDA device here is cuda:{count - 1}.")
     if device.type not in ("cpu", "cuda"):
         raise ConfigError(f"device is {name!r}; it must be auto, cpu, cuda or cuda:1.")
     return device

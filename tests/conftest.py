@@ -14,6 +14,7 @@ import pytest
 from written_runs import write_shooter
 
 from fbrl.envs import FootballVectorEnv
+from fbrl.envs.engine import load_gfootball
 from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 
 REPOSITORY = Path(__file__).parent.parent
@@ -86,6 +87,15 @@ def run_main(capsys):
         return printed
 
     return run
+
+
+@pytest.fixture
+def no_engine(monkeypatch):
+    """Takes the engine away, so that whoever tries to play says so."""
+    monkeypatch.setitem(sys.modules, "gfootball_engine", None)  # as if it were not installed
+    load_gfootball.cache_clear()
+    yield
+    load_gfootball.cache_clear()
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from gymnasium import spaces
 from tensordict import TensorDict
 
 from benchmarks import sections
+from benchmarks.__main__ import main
 from benchmarks.builds import DEFAULT_ENGINE, Build, worker_environment
 from benchmarks.measure_engine import _replay, random_actions, record_episodes
 from benchmarks.measure_time_shares import OTHER, REWARD_OF_COLLECTION, Stopwatch, time_shares
@@ -296,22 +297,11 @@ def test_every_target_is_on_something_that_is_measured():
     assert set(TABLES) == set(SECTIONS)
 
 
-def run_benchmarks(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "benchmarks", *map(str, arguments)],
-        cwd=REPOSITORY,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-
-
 @needs_engine
 @pytest.mark.slow
 def test_a_quick_run_measures_every_contestant_and_writes_tables_and_picture(tmp_path):
     for section in ("engine", "environment"):
-        process = run_benchmarks("--quick", section, "--output", tmp_path)
-        assert process.returncode == 0, process.stderr
+        main(["--quick", section, "--output", str(tmp_path)])
     content = json.loads((tmp_path / "performance.json").read_text())
     assert list(content) == ["engine", "environment"]
     page = (tmp_path / "performance.md").read_text()
@@ -327,7 +317,6 @@ def test_a_quick_run_measures_every_contestant_and_writes_tables_and_picture(tmp
     assert (tmp_path / "img" / "performance.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_an_unknown_section_is_answered_with_those_that_there_are():
-    process = run_benchmarks("--quick", "speed")
-    assert process.returncode == 2
-    assert "no section 'speed'; there are engine, environment" in process.stderr.splitlines()[-1]
+def test_an_unknown_section_is_answered_with_those_that_there_are(run_main):
+    printed = run_main(main, "--quick", "speed", code=2)
+    assert "no section 'speed'; there are engine, environment" in printed.err.splitlines()[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -238,6 +239,26 @@ class TestPlot:
         made = {path.name for path in tmp_path.iterdir()} - others
         assert made == {"passes.png", "densities.png", "densities.svg", "agent.PNG"}
 
+    def test_that_mplsoccer_is_missing_is_noticed_before_the_first_match(
+        self, run, shooter, no_engine, monkeypatch
+    ):
+        monkeypatch.setitem(sys.modules, "mplsoccer", None)  # as if it were not installed
+        line = ["plot", "agent", "--run", shooter, "--out", "a.png"]
+        printed = run(*line, code=2)
+        assert re.fullmatch(
+            r"fbrl-density plot agent: error: .*pip install 'fbrl\[density\]'.*\n", printed.err
+        )
+
+    def test_what_a_runs_agent_does_is_drawn_and_kept(self, run, shooter, tmp_path):
+        printed = run(
+            *("plot", "agent", "--run", shooter, "--episodes", 2, "--out", "a.png"),
+            *("--save-positions", "p.csv"),
+        ).out
+        steps = int(re.search(r"(\d+) steps with the ball", printed)[1])
+        assert len((tmp_path / "p.csv").read_text().splitlines()) == 1 + steps > 1
+        run("plot", "agent", "--positions", "p.csv", "--out", "b.png")
+        assert (tmp_path / "b.png").exists()
+
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
@@ -253,7 +274,19 @@ class TestPlot:
             (["agent", "--positions", "passes.csv", "--out", "no/a.png"], "no directory no"),
             (["agent", "--positions", "bad.csv", "--out", "a.png"], "bad.csv, line 2: no position"),
             (["agent", "--run", "nowhere", "--out", "a.png"], "no checkpoint at nowhere"),
-            (["agent", "--run", ".", "--matches", "0", "--out", "a.png"], "0 is not at least 1"),
+            (["agent", "--run", ".", "--episodes", "0", "--out", "a.png"], "0 is not at least 1"),
+            (
+                ["agent", "--run", ".", "--save-positions", "no/p.csv", "--out", "a.png"],
+                "no directory no",
+            ),
+            (
+                ["agent", "--run", ".", "--save-positions", "a.png", "--out", "a.png"],
+                "give each a file of its own",
+            ),
+            (
+                ["agent", "--positions", "bad.csv", "--save-positions", "p.csv", "--out", "a.png"],
+                "--save-positions is for what --run sees",
+            ),
         ],
     )
     def test_bad_input_is_one_line_and_exit_2_and_nothing_written(
@@ -268,8 +301,8 @@ class TestPlot:
         assert all(name.endswith(".csv") for name in made)
 
 
-def test_the_installed_command_runs(run_program):
+def test_the_installed_command_runs(run_program, run):
     done = run_program("fbrl-density", "--help")
     assert done.returncode == 0
     assert "{fit,plot,info}" in done.stdout
-    assert run_program("fbrl-density", "fit", "--colour").stderr.count("\n") == 1
+    assert run("fit", "--colour", code=2).err.count("\n") == 1

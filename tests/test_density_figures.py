@@ -12,6 +12,7 @@ pytest.importorskip("mplsoccer")
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
+from fbrl.checks.extras import MissingExtraError
 from fbrl.density import AssistDensity, PositionDensity
 from fbrl.density.passes import Pass
 from fbrl.figures.files import save_figure
@@ -95,5 +96,5 @@ def test_another_kind_of_picture_is_refused(tmp_path):
 
 def test_without_mplsoccer_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "mplsoccer", None)
-    with pytest.raises(ValueError, match=r"pip install 'fbrl\[density\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'fbrl\[density\]'"):
         densities_figure(AssistDensity.default())

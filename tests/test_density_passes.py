@@ -118,10 +118,13 @@ class TestFilters:
     @pytest.mark.parametrize(
         ("chosen", "column"),
         [
-            (PassFilter("regular-play"), "play_pattern, which --filter regular-play"),
-            (PassFilter("open-play"), "pass_type, which --filter open-play"),
-            (PassFilter("all", exclude_crosses=True), "cross, which --exclude-crosses"),
-            (PassFilter("all", population="key-passes"), "goal_assist, which --passes key-passes"),
+            (PassFilter("regular-play"), "play_pattern, which the filter regular-play"),
+            (PassFilter("open-play"), "pass_type, which the filter open-play"),
+            (PassFilter("all", exclude_crosses=True), "cross, which exclude_crosses"),
+            (
+                PassFilter("all", population="key-passes"),
+                "goal_assist, which the population key",
+            ),
         ],
     )
     def test_what_the_source_does_not_tell_is_not_guessed(self, chosen, column):
@@ -165,7 +168,7 @@ class TestClean:
     )
     def test_an_impossible_position_is_named_or_left_out(self, position):
         good, bad = Pass(120, 80, 0, 0, match_id=7), Pass(*position, match_id=7)
-        with pytest.raises(ValueError, match=r"made up: pass 2 \(match 7\).*--drop-unusable"):
+        with pytest.raises(ValueError, match=r"made up: pass 2 \(match 7\).*drop_unusable=True"):
             clean(passes(good, bad))
         cleaned = clean(passes(good, bad), drop_unusable=True)
         assert (cleaned.rows, cleaned.repeated, cleaned.unusable) == ([good], 0, 1)

@@ -15,7 +15,7 @@ from conftest import needs_engine
 
 from fbrl import doctor
 from fbrl.cli.doctor import main
-from fbrl.doctor import CHECKS, RENDERING, CheckError, CheckResult, run_check
+from fbrl.doctor import CHECKS, RENDERING, Check, CheckError, CheckResult, run_check
 from fbrl.doctor.checks import check_packages, check_system_libraries
 
 CHECK = {check.name: check for check in CHECKS}
@@ -150,3 +150,16 @@ def test_an_unknown_option_is_bad_usage(capsys: pytest.CaptureFixture[str]) -> N
         main(["--nonsense"])
     assert ending.value.code == 2
     assert "--nonsense" in capsys.readouterr().err
+
+
+def test_an_interruption_is_one_line_and_exit_130(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(check: Check) -> CheckResult:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(doctor, "run_check", interrupted)
+    with pytest.raises(SystemExit) as ending:
+        main(["--json"])
+    assert ending.value.code == 130
+    assert capsys.readouterr().err == "fbrl-doctor: interrupted\n"

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import functools
 import json
+import re
+import sys
 
 import pytest
 import torch
 
 from fbrl.agent import load_agent, make_model
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
+from fbrl.cli.eval import main
 from fbrl.config import ConfigError
 from fbrl.config_json import config_to_dict, save_config
 from fbrl.evaluation.comparison import trained
@@ -18,6 +22,14 @@ from fbrl.presets import preset_config
 
 SCENARIO = "academy_empty_goal_close"
 SHOOT = 12
+
+
+@pytest.fixture
+def run_eval(run_main, tmp_path, monkeypatch):
+    """Runs the command in an empty directory, in this process, which has imported torch."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    return functools.partial(run_main, main)
 
 
 def test_an_agent_is_loaded_with_its_weights(shooter):
@@ -44,9 +56,9 @@ def test_a_checkpoint_that_fits_no_training_is_refused(shooter, tmp_path, change
         load_agent(tmp_path / "odd.pt")
 
 
-def test_it_prints_and_writes_the_results_of_both_modes(shooter, run_program, tmp_path):
-    line = ["fbrl-eval", shooter, "--episodes", 8, "--num-envs", 4, "--mode", "both"]
-    done = run_program(*line, "--json", tmp_path / "out.json", "--csv", tmp_path / "out.csv")
+def test_it_prints_and_writes_the_results_of_both_modes(shooter, run_program, run_eval, tmp_path):
+    line = [shooter, "--episodes", 8, "--num-envs", 4, "--mode", "both"]
+    done = run_program("fbrl-eval", *line, "--json", "out.json", "--csv", "out.csv")
     assert done.returncode == 0, done.stderr
     sampled, greedy = json.loads((tmp_path / "out.json").read_text())["results"]
     assert (sampled["mode"], greedy["mode"]) == ("sample", "greedy")
@@ -64,19 +76,16 @@ def test_it_prints_and_writes_the_results_of_both_modes(shooter, run_program, tm
         rows = list(csv.DictReader(file))
     assert [row["mode"] for row in rows] == ["sample", "greedy"]
     assert float(rows[0]["goal_difference"]) == sampled["goal_difference"]
-    again = run_program(*line, "--json", tmp_path / "again.json")
-    assert again.returncode == 0
+    # The same matches, and so the same numbers, in another process.
+    assert run_eval(*line, "--json", "again.json").out == done.stdout
     assert (tmp_path / "again.json").read_text() == (tmp_path / "out.json").read_text()
 
 
-def test_other_scenarios_can_be_played_and_policies_without_a_network(
-    shooter, run_program, tmp_path
-):
+def test_other_scenarios_can_be_played_and_policies_without_a_network(shooter, run_eval, tmp_path):
     scenarios = ["academy_empty_goal", "academy_run_to_score"]
     options = [part for name in scenarios for part in ("--scenario", name)]
     options += ["--policy", "idle", "--policy", "builtin-ai", "--episodes", 2]
-    done = run_program("fbrl-eval", shooter, *options, "--json", tmp_path / "out.json")
-    assert done.returncode == 0, done.stderr
+    run_eval(shooter, *options, "--json", "out.json")
     rows = json.loads((tmp_path / "out.json").read_text())["results"]
     assert [(row["policy"], row["scenario"]) for row in rows] == [
         (policy, name) for policy in (str(shooter), "idle", "builtin-ai") for name in scenarios
@@ -106,11 +115,10 @@ def make_run(path, seed, goals=(), **changes):
     return path
 
 
-def test_seeds_are_pooled_and_configurations_compared(run_program, tmp_path):
+def test_seeds_are_pooled_and_configurations_compared(run_eval, tmp_path):
     runs = [make_run(tmp_path / f"analytics{seed}", seed) for seed in (1, 2, 3)]
     runs += [make_run(tmp_path / f"scoring{seed}", seed, reward="scoring") for seed in (1, 2)]
-    done = run_program("fbrl-eval", *runs, "--episodes", 4, "--json", tmp_path / "out.json")
-    assert done.returncode == 0, done.stderr
+    printed = run_eval(*runs, "--episodes", 2, "--json", "out.json").out
     report = json.loads((tmp_path / "out.json").read_text())
     scores = [row["goal_difference"] for row in report["results"]]
     first, second = report["seeds"]
@@ -126,30 +134,56 @@ def test_seeds_are_pooled_and_configurations_compared(run_program, tmp_path):
     (improvement,) = report["improvements"]
     expected = sum(pairs) / 6
     assert improvement["probability"] == pytest.approx(max(expected, 1 - expected))
-    assert "interquartile mean" in done.stdout
-    assert "Probability that a seed" in done.stdout
+    assert "interquartile mean" in printed
+    assert "Probability that a seed" in printed
 
 
-def test_a_runs_log_says_when_it_converged_and_what_the_paper_would_report(run_program, tmp_path):
+def test_a_runs_log_says_when_it_converged_and_what_the_paper_would_report(run_eval, tmp_path):
     run = make_run(tmp_path / "run", 0, goals=(0.1, 0.6, 0.3, 0.52, 0.45, 0.7))
-    line = ["fbrl-eval", run, "--episodes", 2, "--json", tmp_path / "out.json"]
-    done = run_program(*line)
-    assert done.returncode == 0, done.stderr
+    line = [run, "--episodes", 2, "--json", "out.json"]
+    run_eval(*line)
     (row,) = json.loads((tmp_path / "out.json").read_text())["training"]
     assert (row["frames"], row["frames_until_threshold"]) == (6000, 4000)
     assert row["paper_goal_difference"] == 0.7
-    done = run_program(*line, "--tolerance", 0, "--threshold", "0.65")
-    assert "6,000" in done.stdout
-    never = run_program(*line, "--threshold", "0.9")
-    assert "never" in never.stdout
+    assert re.search(
+        r"run +6,000 +6,000 ", run_eval(*line, "--tolerance", 0, "--threshold", 0.65).out
+    )
+    assert re.search(r"run +6,000 +never ", run_eval(*line, "--threshold", 0.9).out)
+
+
+@pytest.mark.usefixtures("no_engine")
+def test_a_log_without_goal_differences_is_noticed_before_the_first_match(run_eval, tmp_path):
+    run = make_run(tmp_path / "run", 0, goals=(0.1, 0.6))
+    table = run / "metrics.csv"
+    table.write_text(table.read_text().replace("match/goal_difference", "match/length"))
+    printed = run_eval(run, "--json", "out.json", code=2)
+    assert re.fullmatch(r"fbrl-eval: error: .*no metric 'match/goal_difference'.*\n", printed.err)
+    assert not (tmp_path / "out.json").exists()
+
+
+@pytest.fixture
+def no_rliable(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rliable.library", None)  # as if it were not installed
+
+
+@pytest.mark.usefixtures("no_rliable", "no_engine")
+def test_seeds_that_cannot_be_pooled_are_noticed_before_the_first_match(run_eval, tmp_path):
+    runs = [make_run(tmp_path / str(seed), seed) for seed in (1, 2)]
+    printed = run_eval(*runs, "--json", "out.json", code=2)
+    assert re.fullmatch(r"fbrl-eval: error: .*pip install 'fbrl\[analysis\]'.*\n", printed.err)
+
+
+@pytest.mark.usefixtures("no_rliable")
+def test_a_single_run_is_evaluated_without_what_pools_seeds(run_eval, tmp_path):
+    run_eval(make_run(tmp_path / "run", 1), "--episodes", 2, "--json", "out.json")
+    assert json.loads((tmp_path / "out.json").read_text())["seeds"] == []
 
 
 def test_configurations_that_differ_in_more_than_the_seed_are_named_in_the_table(
-    run_program, tmp_path
+    run_eval, tmp_path
 ):
     runs = [make_run(tmp_path / "shipped", 0), make_run(tmp_path / "none", 1, density="uniform")]
-    done = run_program("fbrl-eval", *runs, "--episodes", 2, "--json", tmp_path / "out.json")
-    assert done.returncode == 0, done.stderr
+    run_eval(*runs, "--episodes", 2, "--json", "out.json")
     report = json.loads((tmp_path / "out.json").read_text())
     assert [row["configuration"] for row in report["results"]] == [
         "analytics, density as shipped",
@@ -158,34 +192,32 @@ def test_configurations_that_differ_in_more_than_the_seed_are_named_in_the_table
     assert report["seeds"] == []
 
 
-def test_an_agent_does_not_play_the_matches_that_its_training_began_with(run_program, tmp_path):
+def test_an_agent_does_not_play_the_matches_that_its_training_began_with(run_eval, tmp_path):
     run = make_run(tmp_path / "run", 5)
     rows = {}
     for seed in (5, 6):
-        line = ["fbrl-eval", run, "--seed", seed, "--episodes", 2, "--json", tmp_path / "out.json"]
+        line = [run, "--seed", seed, "--episodes", 2, "--json", "out.json"]
         line += ["--policy", "random", "--scenario", SCENARIO, "--scenario", "academy_empty_goal"]
-        done = run_program(*line)
-        assert done.returncode == 0, done.stderr
+        run_eval(*line)
         results = json.loads((tmp_path / "out.json").read_text())["results"]
         rows[seed] = [row["evaluation_seed"] for row in results]
     assert rows == {5: [5 + 2**31, 5, 5, 5], 6: [6, 6, 6, 6]}
 
 
-def test_a_seed_that_comes_twice_is_refused_before_the_first_match(run_program, tmp_path):
+@pytest.mark.usefixtures("no_engine")
+def test_a_seed_that_comes_twice_is_refused_before_the_first_match(run_eval, tmp_path):
     runs = [make_run(tmp_path / name, 1) for name in ("one", "two")]
-    done = run_program("fbrl-eval", *runs, "--json", tmp_path / "out.json")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "both seed 1" in done.stderr
+    printed = run_eval(*runs, "--json", "out.json", code=2)
+    assert printed.out == ""
+    assert "both seed 1" in printed.err
     assert not (tmp_path / "out.json").exists()
 
 
-def test_several_checkpoints_of_one_training_give_a_table(shooter, run_program, tmp_path):
+def test_several_checkpoints_of_one_training_give_a_table(shooter, run_eval, tmp_path):
     content = {**load_checkpoint(shooter), "frames": 99}
     content.pop("format_version")
     save_checkpoint(tmp_path / "early.pt", **content)
-    line = ["fbrl-eval", shooter, "early.pt", "--episodes", 2, "--json", tmp_path / "out.json"]
-    done = run_program(*line)
-    assert done.returncode == 0, done.stderr
+    run_eval(shooter, "early.pt", "--episodes", 2, "--json", "out.json")
     report = json.loads((tmp_path / "out.json").read_text())
     assert [row["frames"] for row in report["results"]] == [123, 99]
     assert report["seeds"] == []
@@ -227,11 +259,10 @@ BAD_INPUT = {
 
 
 @pytest.mark.parametrize("case", BAD_INPUT)
-def test_bad_input_is_answered_with_one_line_and_exit_code_2(case, run_program, tmp_path):
+def test_bad_input_is_answered_with_one_line_and_exit_code_2(case, run_eval, tmp_path):
     arguments, expected = BAD_INPUT[case]
-    done = run_program("fbrl-eval", *arguments)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("fbrl-eval: error: ")
-    assert done.stderr.count("\n") == 1
-    assert expected in done.stderr
+    printed = run_eval(*arguments, code=2)
+    assert printed.out == ""
+    assert re.fullmatch(r"fbrl-eval: error: [^\n]+\n", printed.err)
+    assert expected in printed.err
     assert list(tmp_path.iterdir()) == []

@@ -42,7 +42,7 @@ from fbrl.density import AssistDensity, open_density
 from fbrl.density.pass_cache import PassCache
 from fbrl.density.passes import EVENT_COLUMNS, Passes, clean, passes_of_match
 from fbrl.density.tables import read_event_files, read_passes_csv
-from fbrl.evaluation.possession import read_positions, write_positions
+from fbrl.figures.positions import read_positions, write_positions
 from fbrl.monitor.table import drop_rows
 from fbrl.presets import preset_config
 from fbrl.watch.replay_file import ReplayError, load_replay, save_replay

@@ -12,13 +12,15 @@ pytest.importorskip("rliable")
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
+from fbrl.analysis.learning_curves import learning_curve
+from fbrl.analysis.pooled_results import PooledResult, pool_results, published_beside
 from fbrl.analysis.results import Published, Result, ResultsError
 from fbrl.analysis.run_groups import RunGroup
 from fbrl.analysis.run_log import read_run_log
 from fbrl.checks.names import UnknownNameError
-from fbrl.figures.bars import Bar, bars_figure, pool_results, published_bars
+from fbrl.figures.bars import bars_figure
 from fbrl.figures.files import save_figure
-from fbrl.figures.learning_curves import learning_curve, learning_curves_figure
+from fbrl.figures.learning_curves import learning_curves_figure
 from fbrl.figures.style import COLOURS
 
 
@@ -121,12 +123,12 @@ class TestPooling:
         (bar,) = pool_results(
             [result("scoring", value, seed) for seed, value in enumerate(values)], "goal-difference"
         )
-        assert (bar.height, bar.values) == (pytest.approx(0.2), tuple(values))
+        assert (bar.value, bar.values) == (pytest.approx(0.2), tuple(values))
         assert 0 <= bar.low < 0.2 < bar.high <= 0.5
 
     def test_a_single_seed_has_the_interval_of_its_matches(self):
         (bar,) = pool_results([result("scoring", 0.3, low=0.2, high=0.4)], "goal-difference")
-        assert (bar.height, bar.low, bar.high) == (0.3, 0.2, 0.4)
+        assert (bar.value, bar.low, bar.high) == (0.3, 0.2, 0.4)
 
     @pytest.mark.parametrize(
         ("frames", "median"),
@@ -142,7 +144,7 @@ class TestPooling:
         (bar,) = pool_results(
             [result("scoring", value, seed) for seed, value in enumerate(frames)], "convergence"
         )
-        assert (bar.height, bar.low, bar.high) == (median, None, None)
+        assert (bar.value, bar.low, bar.high) == (median, None, None)
         assert bar.reached == sum(map(math.isfinite, frames))
 
     def test_a_seed_cannot_count_twice(self):
@@ -155,14 +157,14 @@ class TestPooling:
             Published("academy_corner", "checkpoints", 0.7),
             Published("academy_pass_and_shoot_with_keeper", "scoring", 0.8),
         ]
-        (bar,) = published_bars(published, "thesis", ours)
-        assert (bar.agent, bar.height, bar.values) == ("checkpoints (thesis)", 0.7, ())
+        (bar,) = published_beside(ours, published, "thesis")
+        assert (bar.agent, bar.value, bar.values) == ("checkpoints (thesis)", 0.7, ())
 
 
 class TestBars:
     def bar(self, agent, height, scenario="academy_corner", reward=None, values=None):
         values = (height,) if values is None else values
-        return Bar(scenario, agent, reward or agent, height, None, None, values)
+        return PooledResult(scenario, agent, reward or agent, height, None, None, values)
 
     def test_heights_are_the_numbers_at_their_scenarios(self):
         other = "academy_3_vs_1_with_keeper"
@@ -198,14 +200,14 @@ class TestBars:
         assert to_hex(published.get_facecolor()) == "#ffffff"
 
     def test_intervals_and_seeds_are_drawn(self):
-        bar = Bar("academy_corner", "scoring", "scoring", 0.5, 0.25, 0.625, (0.25, 0.75))
+        bar = PooledResult("academy_corner", "scoring", "scoring", 0.5, 0.25, 0.625, (0.25, 0.75))
         figure = bars_figure([bar], "generalisation", "")
         axes = figure.axes[0]
         (interval,) = axes.containers[1].lines[2]
         np.testing.assert_allclose(interval.get_segments()[0][:, 1], [0.25, 0.625])
         dots = [line for line in axes.lines if line.get_marker() == "o"]
         assert dots[0].get_ydata().tolist() == [0.25, 0.75]
-        assert legend(figure)[1] == "95 % intervals over seeds (dots)"
+        assert legend(figure)[1] == "means and 95 % intervals over seeds (dots)"
 
     def test_what_was_never_reached_is_said_in_words(self):
         bars = [
@@ -225,7 +227,7 @@ class TestBars:
 
 
 class TestFiles:
-    BAR = Bar("academy_corner", "scoring", "scoring", 0.5, 0.25, 0.625, (0.5,))
+    BAR = PooledResult("academy_corner", "scoring", "scoring", 0.5, 0.25, 0.625, (0.5,))
 
     def test_both_kinds_can_be_opened_again_and_are_the_same_each_time(self, tmp_path):
         written = []

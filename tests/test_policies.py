@@ -9,7 +9,8 @@ from tensordict import TensorDict
 from fbrl.checks.names import UnknownNameError
 from fbrl.envs import make_env
 from fbrl.evaluation.evaluation import evaluate
-from fbrl.evaluation.policies import POLICIES, make_policy
+from fbrl.evaluation.policies import make_policy
+from fbrl.policy_names import POLICIES
 
 
 def test_the_random_policy_takes_all_actions_equally_often_and_repeatably():
@@ -45,8 +46,6 @@ def test_an_unknown_policy_is_refused_with_the_known_ones():
         make_policy("builtin_ai")
 
 
-def test_the_commands_know_the_policies_that_there_are():
-    from fbrl.cli import eval as eval_command
-    from fbrl.cli import watch as watch_command
-
-    assert eval_command.POLICIES == watch_command.POLICIES == POLICIES
+def test_every_named_policy_can_be_made():
+    policies = {name: make_policy(name) for name in POLICIES}
+    assert [policies[name].action_set for name in POLICIES] == ["default", "default", "v2"]

@@ -11,7 +11,8 @@ import torch
 from fbrl.agent import make_model
 from fbrl.checkpoint import CheckpointError, save_checkpoint
 from fbrl.config_json import config_to_dict
-from fbrl.evaluation.possession import ball_positions, read_positions, write_positions
+from fbrl.evaluation.possession import ball_positions
+from fbrl.figures.positions import read_positions, write_positions
 from fbrl.presets import preset_config
 
 SCENARIO = "academy_empty_goal_close"

@@ -113,14 +113,14 @@ class TestEvaluationTable:
 
     def test_what_an_evaluation_writes_is_read(self, tmp_path):
         from fbrl.config import TrainConfig
-        from fbrl.evaluation.comparison import Contestant, baseline, result_row
+        from fbrl.evaluation.comparison import EvaluatedPolicy, baseline, result_row
         from fbrl.evaluation.evaluation import Evaluation
 
         evaluation = Evaluation({"goal_difference": np.array([1.0, 0.0, 1.0, 0.0])})
-        agent = Contestant("run", lambda data: data, config=TrainConfig(CORNER, seed=3))
+        agent = EvaluatedPolicy("run", lambda data: data, config=TrainConfig(CORNER, seed=3))
         rows = [
-            result_row(contestant, label, SHOOT, "greedy", 7, evaluation)
-            for contestant, label in (
+            result_row(evaluated, label, SHOOT, "greedy", 7, evaluation)
+            for evaluated, label in (
                 (agent, "analytics, density uniform"),
                 (baseline("random"), None),
             )

@@ -8,13 +8,15 @@ import shutil
 import pytest
 import torch
 
-from fbrl.agent import DENSITY_NAME, load_agent, make_training_reward
+from fbrl.agent import keep_density, load_agent, make_training_reward
 from fbrl.analysis.run_log import read_run_log
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.density import AssistDensity, open_density
 from fbrl.evaluation.comparison import trained
+from fbrl.run_files import DENSITY_NAME
+from fbrl.training.pictures import MatchPictures
 from fbrl.training.trainer import train
-from fbrl.transforms import AssistDensityReward
+from fbrl.transforms import AssistDensityReward, ScoringReward
 
 PPO = PPOConfig(total_frames=16, num_envs=1, num_steps=16, num_minibatches=2, num_epochs=1)
 
@@ -87,3 +89,22 @@ def test_a_damaged_copy_is_named(run, tmp_path):
 def test_a_reward_without_densities_keeps_none(tmp_path):
     train(config(tmp_path / "run", reward="scoring"))
     assert not (tmp_path / "run" / DENSITY_NAME).exists()
+
+
+class PaidForSomethingElse(ScoringReward):
+    """A user's own reward, which has densities too."""
+
+    def __init__(self):
+        super().__init__()
+        self.density = open_density("mirrored")
+
+
+def test_the_densities_of_a_reward_of_ones_own_are_kept_and_drawn_as_those_that_are_paid(tmp_path):
+    pytest.importorskip("mplsoccer")
+    keep_density(PaidForSomethingElse(), tmp_path)
+    assert_mirrored(AssistDensity.load(tmp_path / DENSITY_NAME))
+    own, shipped_one, none = (
+        MatchPictures(reward).positions([[0.5, 0.0]])
+        for reward in (PaidForSomethingElse(), AssistDensityReward("mirrored"), ScoringReward())
+    )
+    assert own == shipped_one != none

@@ -17,6 +17,7 @@ from fbrl.analysis.seed_statistics import (
     mean_curve,
     probability_of_improvement,
 )
+from fbrl.checks.extras import MissingExtraError
 
 
 def normal(*shape, seed=0):
@@ -127,5 +128,5 @@ def test_scores_of_another_kind_are_refused(scores):
 
 def test_without_rliable_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "rliable.library", None)
-    with pytest.raises(ImportError, match=r"pip install 'fbrl\[analysis\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'fbrl\[analysis\]'"):
         interquartile_mean([[1.0], [2.0]])

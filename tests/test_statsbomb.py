@@ -8,6 +8,7 @@ import sys
 
 import pytest
 
+from fbrl.checks.extras import MissingExtraError
 from fbrl.density.pass_cache import PassCache, default_cache_directory
 from fbrl.density.passes import EVENT_COLUMNS
 from fbrl.density.statsbomb import (
@@ -241,7 +242,7 @@ class TestCache:
 
 def test_without_statsbombpy_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "statsbombpy", None)
-    with pytest.raises(StatsBombError, match=r"pip install 'fbrl\[density\]'.*--csv"):
+    with pytest.raises(MissingExtraError, match=r"statsbombpy.*pip install 'fbrl\[density\]'"):
         OpenData().competitions()
 
 

@@ -16,12 +16,13 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from fbrl.agent import make_model, make_training_reward
 from fbrl.analysis.run_log import read_run_log
-from fbrl.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train import parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo.update import TrainingDivergedError
+from fbrl.run_files import CHECKPOINT_NAME
 from fbrl.training import run_checkpoints, trainer, training_matches
 from fbrl.training.trainer import TrainListener, evaluation_is_due, train
 
@@ -216,7 +217,7 @@ def test_without_the_extra_pictures_are_left_out_with_one_warning(config, monkey
     assert len(warned) == 1
     assert "mplsoccer" in warned[0]
     assert "pip install" in warned[0]
-    assert "--no-eval-pictures" in warned[0]
+    assert "eval_pictures=False, --no-eval-pictures" in warned[0]
     assert read_images(config.run_dir) == []
 
 

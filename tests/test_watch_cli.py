@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -33,12 +35,9 @@ def watch(tmp_path, monkeypatch, capsys):
     handler = signal.getsignal(signal.SIGTERM)
 
     def run(*arguments):
-        code = 0
-        try:
+        with pytest.raises(SystemExit) as ended:
             main([str(argument) for argument in arguments])
-        except SystemExit as end:
-            code = end.code
-        return code, *capsys.readouterr()
+        return ended.value.code, *capsys.readouterr()
 
     yield run
     signal.signal(signal.SIGTERM, handler)
@@ -170,18 +169,36 @@ def test_what_is_not_installed_is_named_with_its_remedy(
     assert list(tmp_path.iterdir()) == []
 
 
-@needs_engine
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_video_leaves_nothing_behind(number, tmp_path):
-    program = Path(sys.executable).with_name("fbrl-watch")
-    options = ["--policy", "idle", "--scenario", SCENARIO, "--episodes", "500", "--width", "320"]
-    process = subprocess.Popen([program, *options], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+ENDLESS = ["--policy", "idle", "--scenario", SCENARIO, "--episodes", "500", "--width", "320"]
+
+
+def wait_for_the_video(directory):
     deadline = time.monotonic() + 120
-    while not list(tmp_path.glob(".fbrl-video-*/video.mp4")):
-        assert process.poll() is None
+    while not list(directory.glob(".fbrl-video-*/video.mp4")):
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    process.send_signal(number)
+
+
+@needs_engine
+def test_an_interrupted_video_leaves_nothing_behind(watch, tmp_path):
+    def interrupt():
+        wait_for_the_video(tmp_path)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    other = threading.Thread(target=interrupt)
+    other.start()
+    code, _, errors = watch(*ENDLESS)
+    other.join()
+    assert (code, errors) == (130, "fbrl-watch: interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_engine
+def test_a_process_that_is_to_end_tidies_up_behind_itself(tmp_path):
+    program = Path(sys.executable).with_name("fbrl-watch")
+    process = subprocess.Popen([program, *ENDLESS], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    wait_for_the_video(tmp_path)
+    process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (130, "fbrl-watch: interrupted\n")
     assert list(tmp_path.iterdir()) == []

@@ -21,9 +21,9 @@ from pathlib import Path
 
 import torch
 
-from fbrl.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from fbrl.checkpoint import load_checkpoint
+from fbrl.run_files import CHECKPOINT_NAME
 
-FRAMES_PER_BATCH = 64
 CHECKPOINT_INTERVAL = 256
 TRAINING = [
     *("academy_3_vs_1_with_keeper", "--num-envs", "2", "--num-steps", "32"),

@@ -13,6 +13,7 @@ from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until
 from fbrl.checks.names import UnknownNameError, check_name
 from fbrl.config import REWARD_NAMES
 from fbrl.envs.scenarios import check_scenario
+from fbrl.run_files import EVALUATIONS_NAME
 
 MEASURES = ("goal-difference", "convergence", "generalisation")
 """What the thesis compares: its Figures 6.1 to 6.3."""
@@ -74,12 +75,13 @@ def convergence(
     Raises:
         UnknownNameError: A run has logged no goal difference.
     """
-    return [
-        _result(group, run, math.inf if frames is None else frames)
-        for group in groups
-        for run in group.runs
-        for frames in [frames_until(run.frames, run.metric(GOAL_DIFFERENCE), threshold, tolerance)]
-    ]
+    results = []
+    for group in groups:
+        for run in group.runs:
+            goals = run.metric(GOAL_DIFFERENCE)
+            frames = frames_until(run.frames, goals, threshold, tolerance)
+            results.append(_result(group, run, math.inf if frames is None else frames))
+    return results
 
 
 def read_evaluation_table(path: Path, measure: str, mode: str) -> list[Result]:
@@ -114,8 +116,8 @@ def read_evaluation_table(path: Path, measure: str, mode: str) -> list[Result]:
             f"{path} has no row of a trained agent that plays {where} scenario it was trained "
             f"on in the mode {mode}; there are {len(rows)} other rows."
         )
-    schools = {row["trained_on"] for row in chosen if row["trained_on"]}
-    return [_table_result(path, row, len(schools) > 1) for row in chosen]
+    trained_on = {row["trained_on"] for row in chosen if row["trained_on"]}
+    return [_table_result(path, row, len(trained_on) > 1) for row in chosen]
 
 
 def read_published(path: Path, measure: str) -> list[Published]:
@@ -150,7 +152,7 @@ def _last_evaluation(run: RunLog) -> tuple[float, float, float]:
     names = [f"evaluation/{name}" for name in _GOALS]
     if not all(len(run.evaluations.get(name, ())) for name in names):
         raise ResultsError(
-            f"{run.run_dir} has no evaluation on fresh matches in evaluations.csv. Evaluate it "
+            f"{run.run_dir} has no evaluation on fresh matches in {EVALUATIONS_NAME}. Evaluate it "
             "with fbrl-eval --csv FILE and give that table instead."
         )
     value, low, high = (float(run.evaluations[name][-1]) for name in names)
@@ -195,12 +197,12 @@ def _number(path: Path, row: Mapping[str, str], column: str) -> float:
     return number
 
 
-def _table_result(path: Path, row: Mapping[str, str], name_school: bool) -> Result:
+def _table_result(path: Path, row: Mapping[str, str], name_scenario: bool) -> Result:
     goals = (_number(path, row, name) for name in _GOALS)
     if not row["trained_on"]:
         return Result(row["scenario"], row["policy"], "", None, *goals)
     agent = row["configuration"]
-    if name_school:
+    if name_scenario:
         agent += f", from {row['trained_on']}"
     seed = int(_number(path, row, "seed"))
     return Result(row["scenario"], agent, row["reward"], seed, *goals)

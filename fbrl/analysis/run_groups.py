@@ -100,8 +100,10 @@ def _check_seeds(group: Sequence[RunLog]) -> None:
 
 
 def _names(keys: Sequence[Settings]) -> list[str]:
+    if not keys:
+        return []
     first = ["reward", "preset"]
-    return [*first, *(name for name in keys[0] if name not in [*first, "scenario"])] if keys else []
+    return [*first, *(name for name in keys[0] if name not in [*first, "scenario"])]
 
 
 def _tells_apart(name: str, keys: Sequence[Settings]) -> bool:

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from fbrl.checks.names import UnknownNameError, check_name
 from fbrl.config import TrainConfig
 from fbrl.config_json import config_from_dict
+from fbrl.run_files import CONFIG_NAME, EVALUATIONS_NAME, FRAMES, METRICS_NAME
 
-FRAMES = "frames"
 GOAL_DIFFERENCE = "match/goal_difference"
 
 Columns = dict[str, NDArray[np.float64]]
@@ -49,7 +49,7 @@ class RunLog:
         Raises:
             RunLogError: The file is missing, damaged, or has no iteration yet.
         """
-        path = self.run_dir / "metrics.csv"
+        path = self.run_dir / METRICS_NAME
         columns = _read_columns(path)
         frames = columns[FRAMES]
         if not len(frames):
@@ -73,7 +73,7 @@ class RunLog:
         Raises:
             RunLogError: The file is damaged.
         """
-        path = self.run_dir / "evaluations.csv"
+        path = self.run_dir / EVALUATIONS_NAME
         return _read_columns(path) if path.exists() else {}
 
     @property
@@ -129,7 +129,7 @@ def read_run_log(run_dir: Path) -> RunLog:
     Raises:
         RunLogError: There is no run, or its configuration is damaged.
     """
-    path = run_dir / "config.json"
+    path = run_dir / CONFIG_NAME
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(values, dict):
@@ -139,7 +139,7 @@ def read_run_log(run_dir: Path) -> RunLog:
         return RunLog(run_dir, config)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise RunLogError(
-            f"There is no run at {run_dir}: it has no config.json. Give the directory that "
+            f"There is no run at {run_dir}: it has no {CONFIG_NAME}. Give the directory that "
             "fbrl-train made."
         ) from error
     except OSError as error:

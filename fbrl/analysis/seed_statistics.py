@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fbrl.checks.extras import MissingExtraError
+
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 """Bootstrap resamples of each interval."""
@@ -46,6 +48,14 @@ class Estimate:
         return f"{self.value:.3f} [{self.low:.3f}, {self.high:.3f}]"
 
 
+def check_installed() -> None:
+    """Raises :class:`fbrl.checks.extras.MissingExtraError` where rliable is not installed.
+
+    For what takes long before it comes to statistics.
+    """
+    _rliable()
+
+
 def interquartile_mean(scores: ArrayLike) -> Estimate:
     """The mean of the middle half of all scores, over seeds and scenarios together.
 
@@ -58,7 +68,7 @@ def interquartile_mean(scores: ArrayLike) -> Estimate:
             (seeds, scenarios).
 
     Raises:
-        ImportError: rliable is not installed.
+        MissingExtraError: rliable is not installed.
         ValueError: The scores are not of that shape, or not all finite.
     """
     library = _rliable()
@@ -74,7 +84,7 @@ def mean(scores: ArrayLike) -> Estimate:
         scores: One score per seed and scenario, shape (seeds, scenarios).
 
     Raises:
-        ImportError: rliable is not installed.
+        MissingExtraError: rliable is not installed.
         ValueError: The scores are not of that shape, or not all finite.
     """
     return _estimate(_rliable(), np.mean, _check("scores", scores))
@@ -92,7 +102,7 @@ def probability_of_improvement(a: ArrayLike, b: ArrayLike) -> Estimate:
         b: Scores of another one in the same scenarios, shape (other seeds, scenarios).
 
     Raises:
-        ImportError: rliable is not installed.
+        MissingExtraError: rliable is not installed.
         ValueError: The scores are not of those shapes, or not all finite.
     """
     a, b = _check("a", a), _check("b", b)
@@ -114,7 +124,7 @@ def mean_curve(curves: ArrayLike) -> tuple[Array, Array | None, Array | None]:
         are None for a single seed.
 
     Raises:
-        ImportError: rliable is not installed.
+        MissingExtraError: rliable is not installed.
         ValueError: The curves are not of that shape, or not all finite.
     """
     curves = _check("curves", curves)
@@ -179,7 +189,5 @@ def _rliable() -> Any:
     try:
         import rliable.library
     except ImportError as error:
-        raise ImportError(
-            "Statistics over seeds need rliable: `pip install 'fbrl[analysis]'`."
-        ) from error
+        raise MissingExtraError("Statistics over seeds", ["rliable"], "analysis") from error
     return rliable.library

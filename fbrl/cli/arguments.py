@@ -5,6 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 
+DEFAULT_TOLERANCE = 0.1
+"""How far below a threshold still counts as kept."""
+
 
 def positive_integer(text: str) -> int:
     """An integer of at least 1."""

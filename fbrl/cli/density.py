@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fbrl.cli.commands import add_command, check_outputs, console
-from fbrl.cli.density_common import add_density, print_counts
+# As in fbrl.cli.train: waiting threads must not take the cores from the matches.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+from fbrl.cli.density_common import DENSITY_PROGRAM, add_density, print_counts
 from fbrl.cli.density_options import add_fit_options, add_pass_options, pass_filter
 from fbrl.cli.density_plot import add_plot
 from fbrl.cli.density_source import read_passes
-from fbrl.cli.errors import Parser, ending_when_interrupted, fail
+from fbrl.cli.errors import Parser
+from fbrl.cli.outputs import check_outputs, console
+from fbrl.cli.subcommands import add_command, run_command
 
 if TYPE_CHECKING:
     from fbrl.density import AssistDensity
 
-PROGRAM = "fbrl-density"
 DEFAULT_OUT = Path("assist_density.npz")
 
 _DESCRIPTION = """\
@@ -39,18 +42,12 @@ Fit a pair of densities and write them to one file. Examples:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if it was interrupted."""
-    options = _parser().parse_args(sys.argv[1:] if arguments is None else arguments)
     remark = "interrupted. Matches that were downloaded are kept; run the same command to go on."
-    with ending_when_interrupted(options.program, remark):
-        try:
-            options.command(options)
-        except (ValueError, OSError, ImportError) as error:
-            fail(options.program, error)
-    sys.exit(0)
+    run_command(_parser().parse_args(arguments), remark)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog=PROGRAM, description=_DESCRIPTION)
+    parser = Parser(prog=DENSITY_PROGRAM, description=_DESCRIPTION)
     commands = parser.add_subparsers(metavar="{fit,plot,info}", required=True)
     _add_fit(commands)
     add_plot(commands)

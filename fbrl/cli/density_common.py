@@ -6,8 +6,10 @@ import argparse
 
 from rich.console import Console
 
-from fbrl.cli.commands import console
 from fbrl.cli.density_source import Reading
+from fbrl.cli.outputs import console
+
+DENSITY_PROGRAM = "fbrl-density"
 
 
 def add_density(parser: argparse.ArgumentParser) -> None:

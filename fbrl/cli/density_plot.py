@@ -8,14 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.arguments import positive_integer, seed
-from fbrl.cli.commands import add_command, check_outputs, console
-from fbrl.cli.density_common import add_density, print_counts
+from fbrl.cli.density_common import DENSITY_PROGRAM, add_density, print_counts
 from fbrl.cli.density_options import add_pass_options, pass_filter
 from fbrl.cli.density_source import read_passes
+from fbrl.cli.outputs import (
+    add_figure_option,
+    check_figure_outputs,
+    console,
+    write_figure,
+)
+from fbrl.cli.subcommands import add_command
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import numpy as np
+    from numpy.typing import NDArray
 
 _PLOT = """\
 Draw a picture, as PNG or SVG by the name's ending; several names give several files. Examples:
@@ -36,11 +44,11 @@ def add_plot(commands: Any) -> None:
         kinds, "passes", _plot_passes, "draw passes from start (red) to end (blue)"
     )
     add_pass_options(passes)
-    _add_figures(passes)
+    add_figure_option(passes)
 
     densities = add_command(kinds, "densities", _plot_densities, "draw the two densities")
     add_density(densities)
-    _add_figures(densities)
+    add_figure_option(densities)
 
     agent = add_command(
         kinds, "agent", _plot_agent, "draw where an agent has had the ball, next to the densities"
@@ -55,10 +63,10 @@ def add_plot(commands: Any) -> None:
         help="CSV table with the columns x and y in pitch units: where the agent had the ball",
     )
     agent.add_argument(
-        "--matches",
+        "--episodes",
         type=positive_integer,
         default=100,
-        help="matches to play (default: %(default)s)",
+        help="matches to play, rounded up to 2 for each of 8 at a time (default: %(default)s)",
     )
     agent.add_argument("--seed", type=seed, default=0, help="of the matches (default: %(default)s)")
     agent.add_argument("--save-positions", type=Path, help="keep what --run saw in such a table")
@@ -66,73 +74,69 @@ def add_plot(commands: Any) -> None:
     agent.add_argument(
         "--density", default="default", help="densities to show (default: those that fbrl ships)"
     )
-    _add_figures(agent)
-
-
-def _add_figures(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--out", type=Path, nargs="+", required=True, help="pictures to write: .png, .svg or both"
-    )
+    add_figure_option(agent)
 
 
 def _plot_passes(options: argparse.Namespace) -> None:
     from fbrl.figures.pitch import passes_figure
 
-    _check_figures(options)
+    check_figure_outputs(options)
     reading = read_passes(options, pass_filter(options))
     if not reading.rows:
         raise ValueError(f"No pass is left to draw ({reading.description}). Use a wider filter.")
     print_counts(reading)
     source = options.source or " and ".join(reading.counts)
     title = f"{source}: {len(reading.rows)} {options.passes.replace('-', ' ')}"
-    _save(options, passes_figure(reading.rows, title, options.credit))
+    write_figure(options, passes_figure(reading.rows, title, options.credit))
 
 
 def _plot_densities(options: argparse.Namespace) -> None:
     from fbrl.density import open_density
     from fbrl.figures.pitch import densities_figure
 
-    _check_figures(options)
-    _save(options, densities_figure(open_density(options.density)))
+    check_figure_outputs(options)
+    write_figure(options, densities_figure(open_density(options.density)))
 
 
 def _plot_agent(options: argparse.Namespace) -> None:
+    saved = [options.save_positions] if options.save_positions is not None else []
+    check_figure_outputs(options, *saved)
+    if options.positions is not None and saved:
+        raise ValueError("--save-positions is for what --run sees, not for --positions.")
     from fbrl.density import open_density
-    from fbrl.figures.pitch import agent_figure
+    from fbrl.figures.pitch import agent_figure, check_installed
 
-    _check_figures(options)
+    check_installed()  # before the matches
     density = open_density(options.density)
-    from fbrl.evaluation.possession import ball_positions, read_positions, write_positions
-
-    if options.positions is not None:
-        positions = read_positions(options.positions)
-        title = options.title or "Where the agent has the ball"
-    else:
-        with Console(stderr=True).status("Playing") as status:
-            positions = ball_positions(
-                options.run,
-                options.matches,
-                seed=options.seed,
-                on_progress=lambda done: status.update(f"Playing: {done} of {options.matches}"),
-            )
-        if not len(positions):
-            raise ValueError(f"The agent of {options.run} never had the ball in these matches.")
-        title = options.title or f"Where the agent has the ball, {options.matches} matches"
-        if options.save_positions is not None:
-            write_positions(options.save_positions, positions)
+    positions = _read_positions(options) if options.run is None else _play(options)
     console().print(f"{len(positions)} steps with the ball")
-    _save(options, agent_figure(positions, density, title))
+    if options.run is None:
+        title = "Where the agent has the ball"
+    else:
+        title = f"Where the agent has the ball, {options.episodes} matches"
+    write_figure(options, agent_figure(positions, density, options.title or title))
 
 
-def _check_figures(options: argparse.Namespace) -> None:
-    from fbrl.figures.files import check_figure_path
+def _read_positions(options: argparse.Namespace) -> NDArray[np.float64]:
+    from fbrl.figures.positions import read_positions
 
-    check_outputs(*map(check_figure_path, options.out))
+    return read_positions(options.positions)
 
 
-def _save(options: argparse.Namespace, figure: Figure) -> None:
-    from fbrl.figures.files import save_figure
+def _play(options: argparse.Namespace) -> NDArray[np.float64]:
+    preload_tcmalloc(DENSITY_PROGRAM)
+    from fbrl.evaluation.possession import ball_positions
+    from fbrl.figures.positions import write_positions
 
-    save_figure(figure, *options.out)
-    for path in options.out:
-        console().print(f"Written to {path}")
+    with Console(stderr=True).status("Playing") as status:
+        positions = ball_positions(
+            options.run,
+            options.episodes,
+            seed=options.seed,
+            on_progress=lambda done: status.update(f"Playing: {done} of {options.episodes}"),
+        )
+    if not len(positions):
+        raise ValueError(f"The agent of {options.run} never had the ball in these matches.")
+    if options.save_positions is not None:
+        write_positions(options.save_positions, positions)
+    return positions

@@ -12,8 +12,10 @@ from rich.markup import escape
 from rich.table import Table
 
 import fbrl
-from fbrl.cli.errors import Parser
+from fbrl.cli.errors import Parser, ending_when_interrupted
 from fbrl.doctor import CHECKS, RENDERING, CheckResult, installation_works, run_checks
+
+PROGRAM = "fbrl-doctor"
 
 _DESCRIPTION = """\
 Check each part of an fbrl installation: Python, the engine's system libraries, the engine, a
@@ -35,7 +37,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
-    options = _parser().parse_args(arguments)
+    with ending_when_interrupted(PROGRAM):
+        return _check(_parser().parse_args(arguments))
+
+
+def _check(options: argparse.Namespace) -> int:
     checks = [check for check in CHECKS if options.render or check.name != RENDERING]
     with Console(stderr=True).status("Checking; rendering takes up to half a minute"):
         results = list(run_checks(checks))
@@ -53,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="fbrl-doctor", description=_DESCRIPTION, epilog=_EPILOG)
+    parser = Parser(prog=PROGRAM, description=_DESCRIPTION, epilog=_EPILOG)
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
     parser.add_argument(
         "--no-render",

@@ -60,6 +60,17 @@ def ending_when_interrupted(program: str, remark: str = "interrupted") -> Iterat
 
 
 @contextlib.contextmanager
+def ending_on_bad_input(program: str) -> Iterator[None]:
+    """Answers what bad input raises, and what is not installed, with one line and exit code 2."""
+    try:
+        yield
+    except BrokenPipeError:  # of the output, see above
+        raise
+    except (ValueError, OSError, ImportError) as error:
+        fail(program, error)
+
+
+@contextlib.contextmanager
 def parsing(program: str) -> Iterator[None]:
     """Turns the framed, many-lined errors of tyro's parser into one line that says the same."""
     captured = io.StringIO()

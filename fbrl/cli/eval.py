@@ -8,6 +8,7 @@ import io
 import json
 import math
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,22 +17,26 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from fbrl.allocator import preload_tcmalloc
-from fbrl.checks.names import UnknownNameError
-from fbrl.cli.arguments import finite_number, number_from_zero, positive_integer, seed
-from fbrl.cli.commands import check_outputs
-from fbrl.cli.errors import Parser, ending_when_interrupted, fail
+from fbrl.cli.arguments import (
+    DEFAULT_TOLERANCE,
+    finite_number,
+    number_from_zero,
+    positive_integer,
+    seed,
+)
+from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted
 from fbrl.cli.eval_display import EvaluationProgress, print_report
+from fbrl.cli.outputs import check_outputs
 from fbrl.envs.scenarios import SCENARIO_GROUPS, expand_scenarios
 from fbrl.files.atomic_write import atomic_write
+from fbrl.policy_names import MODES, POLICIES
 
 if TYPE_CHECKING:
     import torch
 
-    from fbrl.evaluation.comparison import Contestant, Row
+    from fbrl.evaluation.comparison import EvaluatedPolicy, Row
 
 PROGRAM = "fbrl-eval"
-MODES = ("sample", "greedy")
-POLICIES = ("random", "idle", "builtin-ai")
 
 _DESCRIPTION = """\
 Play fresh matches with trained agents, and with policies to compare them with. For each scenario:
@@ -61,10 +66,11 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if interrupted."""
-    with ending_when_interrupted(PROGRAM):
+    with ending_when_interrupted(PROGRAM), ending_on_bad_input(PROGRAM):
         options = _parser().parse_args(arguments)
         preload_tcmalloc(PROGRAM)
         _main(options)
+    sys.exit(0)
 
 
 def _parser() -> Parser:
@@ -118,7 +124,7 @@ def _parser() -> Parser:
     parser.add_argument(
         "--tolerance",
         type=number_from_zero,
-        default=0.1,
+        default=DEFAULT_TOLERANCE,
         help="how far it may fall below the threshold afterwards; the mean of 100 matches has a "
         "standard error of up to 0.05 (default: %(default)s)",
     )
@@ -128,49 +134,34 @@ def _parser() -> Parser:
 
 
 def _main(options: argparse.Namespace) -> None:
-    try:
-        scenarios = expand_scenarios(options.scenario or ())
-        outputs = [path for path in (options.json, options.csv) if path is not None]
-        check_outputs(*outputs)
-        if not options.runs and not options.policy:
-            raise ValueError("Name a run or a checkpoint, or a policy with --policy.")
-        if not options.runs and not scenarios:
-            raise ValueError("A policy alone has no scenario it was trained on: add --scenario.")
-    except (UnknownNameError, ValueError) as error:
-        fail(PROGRAM, error)
-    # Seconds of imports, which a mistyped option needn't wait for.
-    from fbrl.analysis.run_groups import RunGroupError
-    from fbrl.analysis.run_log import RunLogError
-    from fbrl.checkpoint import CheckpointError
-    from fbrl.config import ConfigError
-    from fbrl.envs import EngineNotInstalledError
-
-    try:
-        report = _evaluate(options, scenarios)
-        print_report(report)
-        if options.json is not None:
-            _write(options.json, json.dumps(report, indent=2) + "\n")
-        if options.csv is not None:
-            _write(options.csv, _csv_table(report["results"]))
-    except (CheckpointError, ConfigError, RunGroupError, RunLogError) as error:
-        fail(PROGRAM, error)
-    except (EngineNotInstalledError, ImportError, OSError) as error:
-        fail(PROGRAM, error)
+    scenarios = expand_scenarios(options.scenario or ())
+    check_outputs(*(path for path in (options.json, options.csv) if path is not None))
+    if not options.runs and not options.policy:
+        raise ValueError("Name a run or a checkpoint, or a policy with --policy.")
+    if not options.runs and not scenarios:
+        raise ValueError("A policy alone has no scenario it was trained on: add --scenario.")
+    report = _evaluate(options, scenarios)
+    print_report(report)
+    if options.json is not None:
+        _write(options.json, json.dumps(report, indent=2) + "\n")
+    if options.csv is not None:
+        _write(options.csv, _csv_table(report["results"]))
 
 
 def _evaluate(options: argparse.Namespace, scenarios: Sequence[str]) -> dict[str, Any]:
     """Everything that there is to say, in the types that JSON knows."""
+    # Seconds of imports, which a mistyped option needn't wait for.
     from fbrl.device import choose_device
     from fbrl.evaluation.comparison import baseline, improvements, pool_seeds, trained, training_row
 
     device = choose_device(options.device)
     # All of them before the first match: a mistyped name is not found out after an hour.
-    contestants = [trained(path, device) for path in options.runs]
-    contestants += [baseline(name) for name in options.policy]
-    training = [training_row(c, options.threshold, options.tolerance) for c in contestants]
-    pool_seeds(contestants, ())  # a seed that comes twice
-    results = _play_all(contestants, scenarios, options, device)
-    pooled = pool_seeds(contestants, results)
+    policies = [trained(path, device) for path in options.runs]
+    policies += [baseline(name) for name in options.policy]
+    training = [training_row(c, options.threshold, options.tolerance) for c in policies]
+    pool_seeds(policies, ())  # a seed that comes twice, rliable that is missing
+    results = _play_all(policies, scenarios, options, device)
+    pooled = pool_seeds(policies, results)
     return {
         "results": results,
         "training": [row for row in training if row is not None],
@@ -201,36 +192,36 @@ def _evaluate(options: argparse.Namespace, scenarios: Sequence[str]) -> dict[str
 
 
 def _play_all(
-    contestants: Sequence[Contestant],
+    policies: Sequence[EvaluatedPolicy],
     scenarios: Sequence[str],
     options: argparse.Namespace,
     device: torch.device,
 ) -> list[Row]:
     from fbrl.evaluation.comparison import configurations, play, result_row
 
-    labels = configurations(contestants)
+    labels = configurations(policies)
     modes = MODES if options.mode == "both" else (options.mode,)
-    trained_on = [c.config.scenario for c in contestants if c.config is not None]
+    trained_on = [c.config.scenario for c in policies if c.config is not None]
     everywhere = scenarios or list(dict.fromkeys(trained_on))
     rows = []
     with EvaluationProgress(options.episodes) as progress:
-        for contestant in contestants:
-            own = [contestant.config.scenario] if contestant.config is not None else everywhere
+        for evaluated in policies:
+            own = [evaluated.config.scenario] if evaluated.config is not None else everywhere
             for scenario in scenarios or own:
-                for mode in modes if contestant.config is not None else modes[:1]:
+                for mode in modes if evaluated.config is not None else modes[:1]:
                     evaluation = play(
-                        contestant,
+                        evaluated,
                         scenario,
                         episodes=options.episodes,
                         seed=options.seed,
                         num_envs=min(options.num_envs, math.ceil(options.episodes / 2)),
                         greedy=mode == "greedy",
                         device=device,
-                        on_progress=progress.of(f"{contestant.name} in {scenario}"),
+                        on_progress=progress.of(f"{evaluated.name} in {scenario}"),
                     )
-                    label = labels.get(contestant.name)
+                    label = labels.get(evaluated.name)
                     rows.append(
-                        result_row(contestant, label, scenario, mode, options.seed, evaluation)
+                        result_row(evaluated, label, scenario, mode, options.seed, evaluation)
                     )
     return rows
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
-from fbrl.cli.errors import Parser, ending_when_interrupted, fail
+from fbrl.cli.errors import Parser
 from fbrl.cli.plot_bars import add_bars
 from fbrl.cli.plot_curves import add_curves
+from fbrl.cli.subcommands import run_command
 
 PROGRAM = "fbrl-plot"
 
@@ -24,13 +24,7 @@ examples (more of them: fbrl-plot curves --help, fbrl-plot bars --help):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if it was interrupted."""
-    options = _parser().parse_args(sys.argv[1:] if arguments is None else arguments)
-    with ending_when_interrupted(options.program, "interrupted; nothing was written"):
-        try:
-            options.command(options)
-        except (ValueError, OSError, ImportError) as error:
-            fail(options.program, error)
-    sys.exit(0)
+    run_command(_parser().parse_args(arguments), "interrupted; nothing was written")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -8,19 +8,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fbrl.cli.commands import add_command, console
-from fbrl.cli.plot_common import (
-    add_out,
-    add_threshold,
-    check_out,
-    check_tolerance,
-    count,
-    read_runs,
-    save,
+from fbrl.cli.outputs import (
+    add_figure_option,
+    check_figure_outputs,
+    console,
+    write_figure,
 )
+from fbrl.cli.plot_common import add_threshold, check_tolerance, count, read_runs
+from fbrl.cli.subcommands import add_command
+from fbrl.policy_names import MODES
 
 if TYPE_CHECKING:
-    from fbrl.figures.bars import Bar
+    from fbrl.analysis.pooled_results import PooledResult
 
 _BARS = """\
 Draw bars for each scenario and reward, as in the thesis's Figures 6.1 to 6.3. The measures:
@@ -36,6 +35,9 @@ Draw bars for each scenario and reward, as in the thesis's Figures 6.1 to 6.3. T
   fbrl-plot bars runs/*/* --measure convergence --threshold 0.3 --out frames.png
 
   fbrl-plot bars others.csv --measure generalisation --reference thesis.csv --out others.svg
+
+Bars are the plain mean of the seeds, as publications give it for a scenario, and the median for
+convergence. (fbrl-eval pools seeds and scenarios together into the interquartile mean.)
 
 Published numbers stand beside ours as hatched bars where a table gives them:
 
@@ -63,25 +65,26 @@ def add_bars(commands: Any) -> None:
     )
     bars.add_argument(
         "--mode",
-        choices=("sample", "greedy"),
-        default="sample",
+        choices=MODES,
+        default=MODES[0],
         help="rows that are taken from tables (default: %(default)s)",
     )
     bars.add_argument("--reference", type=Path, metavar="FILE", help="table of published numbers")
     bars.add_argument("--title", default="", help="above the figure")
     add_threshold(bars, "goal difference that counts as converged; convergence needs it")
-    add_out(bars)
+    add_figure_option(bars)
 
 
 def _bars(options: argparse.Namespace) -> None:
+    from fbrl.analysis.pooled_results import pool_results, published_beside
     from fbrl.analysis.results import convergence, final_goal_differences, read_published
     from fbrl.analysis.results import read_evaluation_table as read_table
     from fbrl.analysis.run_groups import group_runs
-    from fbrl.figures.bars import bars_figure, pool_results, published_bars
+    from fbrl.figures.bars import bars_figure
 
     check_tolerance(options)
     _check_sources(options)
-    check_out(options)
+    check_figure_outputs(options)
     tables = [path for path in options.sources if path.is_file()]
     groups = group_runs(
         read_runs([path for path in options.sources if path not in tables]), always=("reward",)
@@ -95,13 +98,13 @@ def _bars(options: argparse.Namespace) -> None:
     bars = pool_results(results, options.measure)
     if options.reference is not None:
         published = read_published(options.reference, options.measure)
-        bars += published_bars(published, options.reference.stem, bars)
+        bars += published_beside(bars, published, options.reference.stem)
         left_out = len({row.scenario for row in published} - {bar.scenario for bar in bars})
         if left_out:
             scenarios = count(left_out, "scenario")
             console().print(f"{options.reference} has {scenarios} that ours don't play.")
-    _print_bars(bars)
-    save(options, bars_figure(bars, options.measure, options.title))
+    _print_bars(bars, options.measure)
+    write_figure(options, bars_figure(bars, options.measure, options.title))
 
 
 def _check_sources(options: argparse.Namespace) -> None:
@@ -122,16 +125,26 @@ def _check_sources(options: argparse.Namespace) -> None:
         )
 
 
-def _print_bars(bars: Sequence[Bar]) -> None:
+def _print_bars(bars: Sequence[PooledResult], measure: str) -> None:
     width = max(len(bar.scenario) for bar in bars)
     agents = max(len(bar.agent) for bar in bars)
     scenarios = list(dict.fromkeys(bar.scenario for bar in bars))
     for bar in sorted(bars, key=lambda bar: scenarios.index(bar.scenario)):
-        number = _number(bar.height)
+        number = _number(bar.value)
         interval = "" if bar.low is None else f" [{bar.low:.3f}, {bar.high:.3f}]"
-        is_trained = bar.values and bar.reward
-        seeds = f" ({bar.reached} of {count(len(bar.values), 'seed')})" if is_trained else ""
+        seeds = _seeds(bar, measure)
         console().print(f"{bar.scenario:{width}}  {bar.agent:{agents}}  {number}{interval}{seeds}")
+
+
+def _seeds(bar: PooledResult, measure: str) -> str:
+    if not bar.values or not bar.reward:
+        return ""
+    seeds = count(len(bar.values), "seed")
+    if len(bar.values) == 1:
+        return f" ({seeds})"
+    if measure == "convergence":
+        return f" (median of {seeds}, {bar.reached} got there)"
+    return f" (mean of {seeds})"
 
 
 def _number(height: float) -> str:

@@ -1,4 +1,4 @@
-"""What the parts of ``fbrl-plot`` share: options, reading runs, writing figures."""
+"""What the parts of ``fbrl-plot`` share: the threshold, and reading runs."""
 
 from __future__ import annotations
 
@@ -7,17 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fbrl.cli.arguments import finite_number, number_from_zero
-from fbrl.cli.commands import check_outputs, console
+from fbrl.cli.arguments import DEFAULT_TOLERANCE, finite_number, number_from_zero
 from fbrl.cli.errors import Parser
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from fbrl.analysis.run_log import RunLog
-
-
-DEFAULT_TOLERANCE = 0.1
 
 
 def add_threshold(parser: Parser, meaning: str) -> None:
@@ -32,13 +26,6 @@ def add_threshold(parser: Parser, meaning: str) -> None:
     )
 
 
-def add_out(parser: Parser) -> None:
-    """Adds ``--out``."""
-    parser.add_argument(
-        "--out", type=Path, nargs="+", required=True, help="figures to write: .png, .svg or both"
-    )
-
-
 def check_tolerance(options: argparse.Namespace) -> None:
     """Fills in ``--tolerance``, and refuses it without ``--threshold``."""
     if options.threshold is None and options.tolerance is not None:
@@ -47,27 +34,11 @@ def check_tolerance(options: argparse.Namespace) -> None:
         options.tolerance = DEFAULT_TOLERANCE
 
 
-def check_out(options: argparse.Namespace) -> None:
-    """Refuses figures that could not be written, before anything is read."""
-    from fbrl.figures.files import check_figure_path
-
-    check_outputs(*map(check_figure_path, options.out))
-
-
 def read_runs(paths: Sequence[Path]) -> list[RunLog]:
     """The logs of runs."""
     from fbrl.analysis.run_log import read_run_log
 
     return [read_run_log(path) for path in paths]
-
-
-def save(options: argparse.Namespace, figure: Figure) -> None:
-    """Writes the figure and says where it is."""
-    from fbrl.figures.files import save_figure
-
-    save_figure(figure, *options.out)
-    for path in options.out:
-        console().print(f"Written to {path}")
 
 
 def count(number: int, thing: str) -> str:

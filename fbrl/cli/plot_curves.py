@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fbrl.cli.arguments import positive_integer
-from fbrl.cli.commands import add_command, console
-from fbrl.cli.plot_common import (
-    add_out,
-    add_threshold,
-    check_out,
-    check_tolerance,
-    count,
-    read_runs,
-    save,
+from fbrl.cli.outputs import (
+    add_figure_option,
+    check_figure_outputs,
+    console,
+    write_figure,
 )
+from fbrl.cli.plot_common import add_threshold, check_tolerance, count, read_runs
+from fbrl.cli.subcommands import add_command
 
 if TYPE_CHECKING:
     from fbrl.analysis.run_groups import RunGroup
@@ -60,15 +58,16 @@ def add_curves(commands: Any) -> None:
     )
     curves.add_argument("--title", help="above the figure (default: the scenario)")
     add_threshold(curves, "draw a line there and print when each run has reached and kept it")
-    add_out(curves)
+    add_figure_option(curves)
 
 
 def _curves(options: argparse.Namespace) -> None:
+    from fbrl.analysis.learning_curves import learning_curve
     from fbrl.analysis.run_groups import group_runs, single_runs
-    from fbrl.figures.learning_curves import learning_curve, learning_curves_figure
+    from fbrl.figures.learning_curves import learning_curves_figure
 
     check_tolerance(options)
-    check_out(options)
+    check_figure_outputs(options)
     runs = read_runs(options.runs)
     scenarios = list(dict.fromkeys(run.config.scenario for run in runs))
     if len(scenarios) > 1:
@@ -86,7 +85,7 @@ def _curves(options: argparse.Namespace) -> None:
         _tell_convergence(group, options)
         _tell_cut(group, curve.frames[-1], options.metric)
     title = options.title if options.title is not None else scenarios[0]
-    save(options, learning_curves_figure(curves, options.metric, title, options.threshold))
+    write_figure(options, learning_curves_figure(curves, options.metric, title, options.threshold))
 
 
 def _relabel(groups: Sequence[RunGroup], labels: Sequence[str] | None) -> list[RunGroup]:

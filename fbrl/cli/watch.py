@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -15,11 +16,12 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.arguments import positive_integer, seed
-from fbrl.cli.commands import check_outputs
-from fbrl.cli.errors import Parser, ending_when_interrupted, fail
+from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted, fail
+from fbrl.cli.outputs import check_outputs
 from fbrl.cli.watch_display import WatchDisplay
 from fbrl.envs.scenarios import check_scenario
-from fbrl.watch.video import MissingExtraError, check_video_path, write_video
+from fbrl.policy_names import MODES, POLICIES
+from fbrl.watch.video import check_video_packages, check_video_path, write_video
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,8 +31,6 @@ if TYPE_CHECKING:
     from fbrl.watch.views import View
 
 PROGRAM = "fbrl-watch"
-# Of fbrl.evaluation.policies, whose import takes seconds.
-POLICIES = ("random", "idle", "builtin-ai")
 WIDTHS = {"2d": 960, "3d": 640, "both": 1280}
 SMALLEST_WIDTHS = {"2d": 320, "3d": 320, "both": 640}
 LARGEST_WIDTH = 3840
@@ -54,10 +54,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if interrupted."""
     # Whoever ends the command, it tidies up behind itself.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with ending_when_interrupted(PROGRAM):
+    with ending_when_interrupted(PROGRAM), ending_on_bad_input(PROGRAM):
         options = _parser().parse_args(arguments)
         preload_tcmalloc(PROGRAM)
         _main(options)
+    sys.exit(0)
 
 
 def _parser() -> Parser:
@@ -98,7 +99,7 @@ def _parser() -> Parser:
     played.add_argument("--scenario", help="default: the one trained on")
     played.add_argument(
         "--mode",
-        choices=("sample", "greedy"),
+        choices=MODES,
         help="sample the actions, or take the most probable ones (default: sample)",
     )
     played.add_argument("--seed", type=seed, help="of the matches and actions (default: 0)")
@@ -124,24 +125,14 @@ def _fps(text: str) -> float:
 
 def _main(options: argparse.Namespace) -> None:
     started = time.monotonic()
-    try:
-        _check(options)
-        # Seconds of imports, which a mistyped option needn't wait for.
-        from fbrl.envs import EngineNotInstalledError
-        from fbrl.watch.engine_view import RenderingError
+    _check(options)
+    check_video_packages()
+    # Seconds of imports, which a mistyped option needn't wait for.
+    from fbrl.watch.engine_view import RenderingError
 
-        _check_extra()
-    except (ValueError, OSError, ImportError) as error:
-        fail(PROGRAM, error)
     try:
         matches, frames = _make_video(options)
-    except (
-        ValueError,
-        OSError,
-        EngineNotInstalledError,
-        RenderingError,
-        MissingExtraError,
-    ) as error:
+    except RenderingError as error:
         fail(PROGRAM, error)
     print(
         f"{options.out}: {matches} {'match' if matches == 1 else 'matches'}, {frames} frames "
@@ -178,15 +169,6 @@ def _check(options: argparse.Namespace) -> None:
     check_outputs(*(path for path in (options.out, options.save_replay) if path is not None))
 
 
-def _check_extra() -> None:
-    try:
-        import cv2  # noqa: F401
-        import imageio_ffmpeg  # noqa: F401
-        import mplsoccer  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError(error) from error
-
-
 def _make_video(options: argparse.Namespace) -> tuple[int, int]:
     """Plays, draws and writes; returns the numbers of matches and of frames."""
     from fbrl.watch.replay_file import save_replay
@@ -214,7 +196,6 @@ def _matches(
         if options.view != "2d":
             load_gfootball()
         return load_replay(options.replay)
-    from fbrl.transforms import AssistDensityPotential, AssistDensityReward
     from fbrl.watch.recording import record_matches
 
     player = _player(options)
@@ -227,8 +208,7 @@ def _matches(
         greedy=options.mode == "greedy",
         on_progress=display.playing,
     )
-    has_densities = isinstance(reward, (AssistDensityReward, AssistDensityPotential))
-    return matches, reward.density if has_densities else None
+    return matches, reward.density
 
 
 def _player(options: argparse.Namespace) -> dict[str, Any]:

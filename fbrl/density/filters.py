@@ -102,11 +102,11 @@ class PassFilter:
         """
         named = FILTERS[self.resolved_name(passes)]
         if named.needs is not None:
-            self._require(passes, named.needs, f"--filter {self.name}")
+            self._require(passes, named.needs, f"the filter {self.name}")
         if self.exclude_crosses:
-            self._require(passes, "cross", "--exclude-crosses")
+            self._require(passes, "cross", "exclude_crosses")
         if self.population == "key-passes":
-            self._require(passes, "goal_assist", "--passes key-passes")
+            self._require(passes, "goal_assist", "the population key-passes")
         return [row for row in passes.rows if named.keeps(row) and self._meets_conditions(row)]
 
     def resolved_name(self, passes: Passes) -> str:
@@ -135,11 +135,11 @@ class PassFilter:
             and (self.min_end_x is None or row.end_x >= self.min_end_x)
         )
 
-    def _require(self, passes: Passes, column: str, option: str) -> None:
+    def _require(self, passes: Passes, column: str, asking: str) -> None:
         if column not in passes.known:
             raise ValueError(
-                f"{passes.origin} does not tell {column}, which {option} asks about. Add that "
-                "column, leave the option out, or read StatsBomb's events."
+                f"{passes.origin} does not tell {column}, which {asking} asks about. Add that "
+                "column, ask for something else, or read StatsBomb's events."
             )
 
 

@@ -154,8 +154,8 @@ def clean(passes: Passes, *, drop_unusable: bool = False) -> Cleaned:
                 raise ValueError(
                     f"{passes.origin}: pass {number}{_of_match(row)} goes from "
                     f"({row.x:g}, {row.y:g}) to ({row.end_x:g}, {row.end_y:g}), which is not on "
-                    "the pitch [0, 120] x [0, 80]. Correct it, or leave such passes out with "
-                    "--drop-unusable."
+                    "the pitch [0, 120] x [0, 80]. Correct it, or leave such passes out: "
+                    "drop_unusable=True, --drop-unusable on a command line."
                 )
             unusable += 1
             continue

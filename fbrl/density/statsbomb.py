@@ -9,12 +9,16 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from fbrl.checks.extras import MissingExtraError
 from fbrl.checks.names import check_name
 from fbrl.density.pass_cache import PassCache, default_cache_directory
 from fbrl.density.passes import EVENT_COLUMNS, Pass, Passes, in_group, passes_of_match
 
 ORIGIN = "StatsBomb open data"
-_OFFLINE_REMEDY = "Give a table of passes with --csv, or StatsBomb's event files with --events."
+_OFFLINE_REMEDY = (
+    "A table of passes (read_passes_csv, on a command line --csv) or StatsBomb's event files "
+    "(read_event_files, --events) need none."
+)
 
 
 class StatsBombError(OSError):
@@ -107,9 +111,7 @@ def _statsbombpy() -> tuple[Any, Any]:
         # a cache on disk, of whole events.
         from statsbombpy import config, entities
     except ImportError as error:
-        raise StatsBombError(
-            "Downloading needs statsbombpy: `pip install 'fbrl[density]'`. " + _OFFLINE_REMEDY
-        ) from error
+        raise MissingExtraError("Downloads", ["statsbombpy"], "density") from error
     return config, entities
 
 

@@ -95,8 +95,12 @@ def _outcome_in_process(check: Check) -> tuple[Status, str, str]:
 
 def run_checks(checks: Iterable[Check]) -> Iterator[CheckResult]:
     """Runs checks side by side; yields their results in the order of the checks."""
-    with ThreadPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
+    pool = ThreadPoolExecutor(max_workers=min(4, os.cpu_count() or 1))
+    try:
         yield from pool.map(run_check, checks)
+    finally:
+        # After an interruption no other check is begun.
+        pool.shutdown(cancel_futures=True)
 
 
 def installation_works(results: Iterable[CheckResult]) -> bool:

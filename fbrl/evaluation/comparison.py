@@ -21,13 +21,20 @@ from fbrl.analysis.run_log import (
     paper_goal_difference,
     read_run_log,
 )
-from fbrl.analysis.seed_statistics import Estimate, interquartile_mean, probability_of_improvement
+from fbrl.analysis.seed_statistics import (
+    Estimate,
+    check_installed,
+    interquartile_mean,
+    probability_of_improvement,
+)
 from fbrl.config import TrainConfig
 from fbrl.envs import make_env
 from fbrl.envs.factory import EPISODE_PREFIX
 from fbrl.envs.vector_env import ActionSet
-from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate, other_seed
+from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate
 from fbrl.evaluation.policies import make_policy
+from fbrl.run_files import METRICS_NAME
+from fbrl.run_seeds import fresh_seed
 from fbrl.transforms import ScoringReward
 
 Row = dict[str, Any]
@@ -35,7 +42,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Contestant:
+class EvaluatedPolicy:
     """Whoever is evaluated.
 
     Attributes:
@@ -76,7 +83,7 @@ class PooledSeeds:
     goal_difference: Estimate
 
 
-def trained(path: Path, device: torch.device) -> Contestant:
+def trained(path: Path, device: torch.device) -> EvaluatedPolicy:
     """The agent of a checkpoint, or of a run's latest one.
 
     Raises:
@@ -87,40 +94,42 @@ def trained(path: Path, device: torch.device) -> Contestant:
     # Not found out when its turn comes, after the matches of others.
     reward = make_training_reward(agent.config, agent.run_dir)
     policy = agent.model.get_collection_policy()
-    return Contestant(str(path), policy, config=agent.config, frames=agent.frames, reward=reward)
+    return EvaluatedPolicy(
+        str(path), policy, config=agent.config, frames=agent.frames, reward=reward
+    )
 
 
-def baseline(name: str) -> Contestant:
+def baseline(name: str) -> EvaluatedPolicy:
     """A policy without a network: random, idle or builtin-ai.
 
     Raises:
         UnknownNameError: There is none of this name.
     """
     policy = make_policy(name)
-    return Contestant(name, policy, policy.action_set)
+    return EvaluatedPolicy(name, policy, policy.action_set)
 
 
 def play(
-    contestant: Contestant,
+    evaluated: EvaluatedPolicy,
     scenario: str,
     *,
     episodes: int,
     seed: int,
-    num_envs: int = 8,
-    greedy: bool = False,
-    device: torch.device | str = "cpu",
-    on_progress: Callable[[int], None] | None = None,
+    num_envs: int,
+    greedy: bool,
+    device: torch.device,
+    on_progress: Callable[[int], None],
 ) -> Evaluation:
     """Plays fresh matches; the same arguments on the same machine give the same matches.
 
-    See :func:`fresh_seed` for what makes them fresh. Rewards are those that the agent was trained
-    with; a baseline is shown the analytics reward.
+    See :func:`fbrl.run_seeds.fresh_seed` for what makes them fresh. Rewards are those that the
+    agent was trained with; a baseline is shown the analytics reward.
 
     Args:
-        contestant: Who plays.
+        evaluated: Who plays.
         scenario: Where.
         episodes: How many matches at least, see :func:`fbrl.evaluation.evaluation.play_matches`.
-        seed: Seeds the matches, see :func:`fresh_seed`, and the sampled actions.
+        seed: Seeds the matches, see :func:`fbrl.run_seeds.fresh_seed`, and the sampled actions.
         num_envs: Matches at a time.
         greedy: Take the most probable action instead of sampling.
         device: Where the policy runs.
@@ -129,22 +138,21 @@ def play(
     Raises:
         EngineNotInstalledError: gfootball is missing.
     """
-    config = contestant.config
-    device = torch.device(device)
+    config = evaluated.config
     env = make_env(
         scenario,
         num_envs=num_envs,
-        reward="analytics" if contestant.reward is None else contestant.reward.clone(),
+        reward="analytics" if evaluated.reward is None else evaluated.reward.clone(),
         observation="simple115" if config is None else config.observation,
-        action_set=contestant.action_set,
-        seed=fresh_seed(contestant, scenario, seed),
+        action_set=evaluated.action_set,
+        seed=fresh_seed(evaluated.config, scenario, seed),
     )
     cuda = [device] if device.type == "cuda" else []
     with contextlib.closing(env), torch.random.fork_rng(devices=cuda):
         torch.manual_seed(seed)
         return evaluate(
             env,
-            contestant.policy,
+            evaluated.policy,
             episodes,
             greedy=greedy,
             device=device,
@@ -152,29 +160,18 @@ def play(
         )
 
 
-def fresh_seed(contestant: Contestant, scenario: str, seed: int) -> int:
-    """The seed of the matches: another one where an agent's training began with these matches.
-
-    That is so in the scenario that it was trained on, with the seed of its training.
-    """
-    config = contestant.config
-    if config is None or scenario != config.scenario:
-        return seed
-    return other_seed(seed) if seed == config.seed else seed
-
-
-def configurations(contestants: Sequence[Contestant]) -> dict[str, str]:
+def configurations(policies: Sequence[EvaluatedPolicy]) -> dict[str, str]:
     """For the name of each agent what tells its configuration from the others', reward first.
 
     Raises:
         RunGroupError: A seed comes twice in a configuration.
     """
-    groups = _groups(contestants, always=("reward",))
+    groups = _groups(policies, always=("reward",))
     return {str(run.run_dir): group.label for group in groups for run in group.runs}
 
 
 def result_row(
-    contestant: Contestant,
+    evaluated: EvaluatedPolicy,
     configuration: str | None,
     scenario: str,
     mode: str,
@@ -184,29 +181,29 @@ def result_row(
     """An evaluation as numbers: means over the matches, and the goal difference's interval.
 
     Args:
-        contestant: Who played.
+        evaluated: Who played.
         configuration: Of its training, by :func:`configurations`; None for a baseline.
         scenario: Where.
         mode: ``"sample"`` or ``"greedy"``; a baseline has none.
         seed: Of the matches.
         evaluation: How it went.
     """
-    config = contestant.config
+    config = evaluated.config
     low, high = evaluation.interval
     won, drawn, lost = evaluation.results
     means = {name: _or_none(evaluation.mean(name)) for name in evaluation.matches}
     means.pop("goal_difference")
     return {
-        "policy": contestant.name,
+        "policy": evaluated.name,
         "configuration": configuration,
         "reward": None if config is None else config.reward,
         "preset": None if config is None else config.preset,
         "trained_on": None if config is None else config.scenario,
         "seed": None if config is None else config.seed,
-        "frames": contestant.frames,
+        "frames": evaluated.frames,
         "scenario": scenario,
         "mode": None if config is None else mode,
-        "evaluation_seed": fresh_seed(contestant, scenario, seed),
+        "evaluation_seed": fresh_seed(evaluated.config, scenario, seed),
         "matches": len(evaluation.goal_differences),
         "goal_difference": evaluation.goal_difference,
         "goal_difference_low": low,
@@ -219,22 +216,24 @@ def result_row(
     }
 
 
-def pool_seeds(contestants: Sequence[Contestant], rows: Sequence[Row]) -> list[PooledSeeds]:
+def pool_seeds(policies: Sequence[EvaluatedPolicy], rows: Sequence[Row]) -> list[PooledSeeds]:
     """The seeds of each configuration together, where there are several.
 
     Agents that were trained on fewer frames, as earlier checkpoints were, count for themselves.
 
     Args:
-        contestants: Who was evaluated.
-        rows: Their results, all in the same scenarios and modes.
+        policies: Who was evaluated.
+        rows: Their results, all in the same scenarios and modes. Without any it is only found out
+            whether they could be pooled.
 
     Raises:
         RunGroupError: A seed comes twice in a configuration.
-        ImportError: rliable is not installed.
+        MissingExtraError: rliable is not installed, and there are seeds to pool.
     """
-    groups = _groups(contestants)
+    groups = _groups(policies)
     if not any(len(group.runs) > 1 for group in groups):
         return []
+    check_installed()
     modes = list(dict.fromkeys(row["mode"] for row in rows if row["mode"]))
     return [_pool(group, mode, rows) for group in groups for mode in modes]
 
@@ -260,11 +259,11 @@ def improvements(pooled: Sequence[PooledSeeds]) -> list[tuple[PooledSeeds, Poole
     return found
 
 
-def training_row(contestant: Contestant, threshold: float, tolerance: float) -> Row | None:
+def training_row(evaluated: EvaluatedPolicy, threshold: float, tolerance: float) -> Row | None:
     """What the log of a training says of its convergence, to stand beside the evaluation.
 
     Args:
-        contestant: Who was evaluated.
+        evaluated: Who was evaluated.
         threshold: Goal difference that is to be reached and kept.
         tolerance: How far it may fall below that afterwards.
 
@@ -276,13 +275,13 @@ def training_row(contestant: Contestant, threshold: float, tolerance: float) -> 
     Raises:
         RunLogError: The log is damaged.
     """
-    run_dir = Path(contestant.name)
-    if contestant.config is None or not (run_dir / "metrics.csv").is_file():
+    run_dir = Path(evaluated.name)
+    if evaluated.config is None or not (run_dir / METRICS_NAME).is_file():
         return None
     log = read_run_log(run_dir)
     goals = log.metric(GOAL_DIFFERENCE)
     return {
-        "policy": contestant.name,
+        "policy": evaluated.name,
         "frames": int(log.frames[-1]),
         "threshold": threshold,
         "tolerance": tolerance,
@@ -295,12 +294,12 @@ def _or_none(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _groups(contestants: Sequence[Contestant], always: Sequence[str] = ()) -> list[RunGroup]:
+def _groups(policies: Sequence[EvaluatedPolicy], always: Sequence[str] = ()) -> list[RunGroup]:
     runs, frames = [], []
-    for contestant in contestants:
-        if contestant.config is not None and contestant.frames is not None:
-            runs.append(RunLog(Path(contestant.name), contestant.config))
-            frames.append(contestant.frames)
+    for evaluated in policies:
+        if evaluated.config is not None and evaluated.frames is not None:
+            runs.append(RunLog(Path(evaluated.name), evaluated.config))
+            frames.append(evaluated.frames)
     return group_runs(runs, always, frames)
 
 

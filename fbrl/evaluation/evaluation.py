@@ -41,11 +41,6 @@ class Evaluation:
         return self.matches["goal_difference"]
 
     @property
-    def lengths(self) -> np.ndarray:
-        """Steps of each match, shape (episodes,)."""
-        return self.matches["length"]
-
-    @property
     def results(self) -> tuple[int, int, int]:
         """How many matches were won, drawn and lost."""
         goals = self.goal_differences
@@ -93,11 +88,6 @@ class Evaluation:
             f"{self.goal_difference:.3f} [{low:.3f}, {high:.3f}] over "
             f"{len(self.goal_differences)} matches"
         )
-
-
-def other_seed(seed: int) -> int:
-    """A seed whose matches are not those of the given one, far from those that people choose."""
-    return (seed + 2**31) % 2**32
 
 
 def evaluate(

@@ -10,9 +10,7 @@ from fbrl.checks.counts import check_count
 from fbrl.checks.names import check_name
 from fbrl.envs.engine import BUILTIN_AI, NUM_ACTIONS
 from fbrl.envs.vector_env import ActionSet
-
-POLICIES = ("random", "idle", "builtin-ai")
-"""What :func:`make_policy` knows."""
+from fbrl.policy_names import POLICIES
 
 _IDLE = 0
 

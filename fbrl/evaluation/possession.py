@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import csv
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +12,8 @@ from numpy.typing import NDArray
 
 from fbrl.agent import load_agent
 from fbrl.envs import make_env
-from fbrl.evaluation.evaluation import other_seed, play_matches
+from fbrl.evaluation.evaluation import play_matches
+from fbrl.run_seeds import fresh_seed
 from fbrl.transforms.ball_control import in_control
 
 _KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
@@ -22,7 +21,7 @@ _KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
 
 def ball_positions(
     run: Path,
-    matches: int,
+    episodes: int,
     *,
     seed: int = 0,
     num_envs: int = 8,
@@ -32,9 +31,8 @@ def ball_positions(
 
     Args:
         run: the directory of a run, or a checkpoint.
-        matches: how many matches at least, see :func:`fbrl.evaluation.evaluation.play_matches`.
-        seed: seeds the matches and the sampled actions; if it is that of the training, matches are
-            played that are not those that it began with.
+        episodes: how many matches at least, see :func:`fbrl.evaluation.evaluation.play_matches`.
+        seed: seeds the matches, see :func:`fbrl.run_seeds.fresh_seed`, and the sampled actions.
         num_envs: matches at a time.
         on_progress: called with the number of matches finished so far.
 
@@ -53,52 +51,19 @@ def ball_positions(
         agent = load_agent(run)
         env = make_env(
             agent.config.scenario,
-            num_envs=min(num_envs, matches),
+            num_envs=min(num_envs, episodes),
             reward="scoring",
             observation=agent.config.observation,
             keep_keys=_KEYS,
-            seed=other_seed(seed) if seed == agent.config.seed else seed,
+            seed=fresh_seed(agent.config, agent.config.scenario, seed),
         )
         stack.callback(env.close)
         torch.manual_seed(seed)
         policy = agent.model.get_collection_policy()
-        for following, counted in play_matches(env, policy, matches):
+        for following, counted in play_matches(env, policy, episodes):
             wanted = in_control({key: following[key] for key in _KEYS}) & counted
             positions.append(following["ball"][wanted, :2])
             finished += int((following["done"].squeeze(-1) & counted).sum())
             if on_progress is not None:
                 on_progress(finished)
     return torch.cat(positions).double().numpy()
-
-
-def write_positions(path: str | os.PathLike[str], positions: NDArray[np.float64]) -> None:
-    """Writes positions as a CSV table with the columns x and y in pitch units."""
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["x", "y"])
-        table.writerows([f"{x:.5f}", f"{y:.5f}"] for x, y in positions)
-
-
-def read_positions(path: str | os.PathLike[str]) -> NDArray[np.float64]:
-    """Reads positions from a CSV table with the columns x and y in pitch units.
-
-    Returns:
-        (n, 2) positions.
-
-    Raises:
-        ValueError: a column is missing, a value is no finite number, or there is no row.
-        OSError: the file cannot be read.
-    """
-    with Path(path).open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
-        try:
-            rows = [(float(row["x"]), float(row["y"])) for row in reader]
-        except (KeyError, TypeError, ValueError, csv.Error) as error:
-            raise ValueError(
-                f"{path}, line {reader.line_num}: no position ({type(error).__name__}: {error}). "
-                "Expected the columns x and y in pitch units, [-1, 1] x [-0.42, 0.42]."
-            ) from error
-    positions = np.array(rows, dtype=np.float64).reshape(-1, 2)
-    if not len(positions) or not np.isfinite(positions).all():
-        raise ValueError(f"{path} holds no positions, or some that are not finite numbers.")
-    return positions

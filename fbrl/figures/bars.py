@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fbrl.analysis import seed_statistics
-from fbrl.analysis.results import Published, Result, ResultsError
+from fbrl.analysis.pooled_results import PooledResult
 from fbrl.figures.style import COLOURS, add_legend, count_frames, new_figure, set_labels
 
 if TYPE_CHECKING:
@@ -24,83 +22,7 @@ AXIS_NAMES = {
 _HATCH = "///"
 
 
-@dataclass(frozen=True)
-class Bar:
-    """One bar.
-
-    Attributes:
-        scenario: The group of bars that it stands in.
-        agent: What its colour stands for.
-        reward: What the agent was trained with; decides the colour of published numbers.
-        height: The mean of the seeds, for convergence their median; infinite if too many
-            never got there.
-        low: Lower end of the height's 95 % interval, if there is one.
-        high: Upper end, likewise.
-        values: What each seed has reached; empty for a published number.
-    """
-
-    scenario: str
-    agent: str
-    reward: str
-    height: float
-    low: float | None
-    high: float | None
-    values: tuple[float, ...]
-
-    @property
-    def reached(self) -> int:
-        """Seeds with a finite value."""
-        return sum(map(math.isfinite, self.values))
-
-
-def pool_results(results: Iterable[Result], measure: str) -> list[Bar]:
-    """Pools the seeds of each agent in each scenario.
-
-    Goal differences give the mean with a bootstrap interval over the seeds, or, for a single seed,
-    that seed's own interval over its matches. Frames until convergence give the median (of an even
-    number of seeds the later one in the middle), for which a seed that never converges counts as
-    later than all others; it has no interval.
-
-    Args:
-        results: In any order; the bars come in the order of the first of their results.
-        measure: One of :data:`fbrl.analysis.results.MEASURES`.
-
-    Raises:
-        ResultsError: A seed comes twice.
-    """
-    pooled: dict[tuple[str, str], list[Result]] = {}
-    for result in results:
-        pooled.setdefault((result.scenario, result.agent), []).append(result)
-    bars = []
-    for (scenario, agent), group in pooled.items():
-        if len({result.seed for result in group}) < len(group):
-            raise ResultsError(
-                f"{agent} in {scenario} has two results of the same seed. Give each once; results "
-                "of different configurations can't be pooled."
-            )
-        height, low, high = _pool(group, measure)
-        values = tuple(result.value for result in group)
-        bars.append(Bar(scenario, agent, group[0].reward, height, low, high, values))
-    return bars
-
-
-def published_bars(published: Iterable[Published], name: str, ours: Sequence[Bar]) -> list[Bar]:
-    """Published numbers as bars, those of the scenarios that we have results of.
-
-    Args:
-        published: The numbers.
-        name: Whose they are, for the legend.
-        ours: Our bars.
-    """
-    scenarios = {bar.scenario for bar in ours}
-    return [
-        Bar(row.scenario, f"{row.reward} ({name})", row.reward, row.value, None, None, ())
-        for row in published
-        if row.scenario in scenarios
-    ]
-
-
-def bars_figure(bars: Sequence[Bar], measure: str, title: str) -> Figure:
+def bars_figure(bars: Sequence[PooledResult], measure: str, title: str) -> Figure:
     """Groups of bars, a group for each scenario and a colour for each agent.
 
     Published numbers are hatched, in the colour of ours with the same reward. Dots are seeds,
@@ -113,7 +35,7 @@ def bars_figure(bars: Sequence[Bar], measure: str, title: str) -> Figure:
         title: What is said of them.
 
     Raises:
-        ImportError: matplotlib is not installed.
+        MissingExtraError: matplotlib is not installed.
     """
     scenarios = list(dict.fromkeys(bar.scenario for bar in bars))
     agents = _places(bars)
@@ -130,7 +52,7 @@ def bars_figure(bars: Sequence[Bar], measure: str, title: str) -> Figure:
     axes.axhline(0, color="black", linewidth=0.8)
     name = AXIS_NAMES.get(measure)
     if name is None:
-        finite = [value for bar in bars for value in (bar.height, *bar.values)]
+        finite = [value for bar in bars for value in (bar.value, *bar.values)]
         most = max((value for value in finite if math.isfinite(value)), default=0.0)
         name = f"convergence,\n{count_frames(axes.yaxis, most)}"
         axes.set_ylim(0, most * 1.08 or 1.0)
@@ -139,18 +61,7 @@ def bars_figure(bars: Sequence[Bar], measure: str, title: str) -> Figure:
     return figure
 
 
-def _pool(group: Sequence[Result], measure: str) -> tuple[float, float | None, float | None]:
-    values = [result.value for result in group]
-    if measure == "convergence":
-        # Of an even number the later one, as a mean with infinity would be none.
-        return sorted(values)[len(values) // 2], None, None
-    if len(group) == 1:
-        return values[0], group[0].low, group[0].high
-    estimate = seed_statistics.mean(np.array(values)[:, None])
-    return estimate.value, estimate.low, estimate.high
-
-
-def _places(bars: Sequence[Bar]) -> list[str]:
+def _places(bars: Sequence[PooledResult]) -> list[str]:
     """The agents in the order of their bars: published numbers follow ours of that reward."""
     ours = list(dict.fromkeys(bar.agent for bar in bars if bar.values))
     reward_of = {bar.agent: bar.reward for bar in bars}
@@ -164,7 +75,7 @@ def _places(bars: Sequence[Bar]) -> list[str]:
     return places + [name for name in published if name not in places]
 
 
-def _colours(bars: Sequence[Bar]) -> dict[str, str]:
+def _colours(bars: Sequence[PooledResult]) -> dict[str, str]:
     colours: dict[str, str] = {}
     of_reward: dict[str, str] = {}
     for bar in sorted(bars, key=lambda bar: not bar.values):
@@ -175,9 +86,11 @@ def _colours(bars: Sequence[Bar]) -> dict[str, str]:
     return colours
 
 
-def _draw(axes: Axes, at: np.ndarray, bars: Sequence[Bar], width: float, colour: str) -> None:
+def _draw(
+    axes: Axes, at: np.ndarray, bars: Sequence[PooledResult], width: float, colour: str
+) -> None:
     is_published = not bars[0].values
-    heights = [bar.height if math.isfinite(bar.height) else 0.0 for bar in bars]
+    heights = [bar.value if math.isfinite(bar.value) else 0.0 for bar in bars]
     axes.bar(
         at,
         heights,
@@ -189,8 +102,8 @@ def _draw(axes: Axes, at: np.ndarray, bars: Sequence[Bar], width: float, colour:
     )
     for x, bar in zip(at, bars, strict=True):
         if bar.low is not None and bar.high is not None:
-            ends = [[max(0.0, bar.height - bar.low)], [max(0.0, bar.high - bar.height)]]
-            axes.errorbar(x, bar.height, ends, color="black", capsize=3, linewidth=1.2)
+            ends = [[max(0.0, bar.value - bar.low)], [max(0.0, bar.high - bar.value)]]
+            axes.errorbar(x, bar.value, ends, color="black", capsize=3, linewidth=1.2)
         if len(bar.values) > 1:
             finite = [value for value in bar.values if math.isfinite(value)]
             axes.plot(
@@ -205,7 +118,7 @@ def _draw(axes: Axes, at: np.ndarray, bars: Sequence[Bar], width: float, colour:
             _say_reached(axes, x, bar)
 
 
-def _say_reached(axes: Axes, x: float, bar: Bar) -> None:
+def _say_reached(axes: Axes, x: float, bar: PooledResult) -> None:
     several = len(bar.values) > 1
     text = f"{bar.reached} of {len(bar.values)} seeds" if several else "not reached"
     height = max((value for value in bar.values if math.isfinite(value)), default=0.0)
@@ -221,7 +134,7 @@ def _short(scenario: str) -> str:
     return f"{' '.join(words[:half])}\n{' '.join(words[half:])}".strip()
 
 
-def _note(bars: Sequence[Bar], measure: str) -> str | None:
+def _note(bars: Sequence[PooledResult], measure: str) -> str | None:
     counts = {len(bar.values) for bar in bars if bar.values}
     if measure == "convergence":
         return "median of the seeds; dots: seeds" if max(counts) > 1 else None
@@ -230,4 +143,4 @@ def _note(bars: Sequence[Bar], measure: str) -> str | None:
         over.append("over seeds (dots)")
     if 1 in counts:
         over.append("over the matches of one agent")
-    return f"95 % intervals {', or '.join(over)}"
+    return f"means and 95 % intervals {', or '.join(over)}"

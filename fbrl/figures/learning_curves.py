@@ -1,17 +1,11 @@
-"""Learning curves with intervals over seeds."""
+"""Pictures of learning curves with their intervals over seeds."""
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from fbrl.analysis.run_groups import RunGroup
-from fbrl.analysis.seed_statistics import mean_curve
+from fbrl.analysis.learning_curves import LearningCurve
 from fbrl.figures.style import (
     COLOURS,
     LINE_STYLES,
@@ -24,8 +18,6 @@ from fbrl.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
-
 AXIS_NAMES = {
     "match/goal_difference": "goal difference per match,\nlast 100 training matches",
     "match/length": "length of a match (steps)",
@@ -34,57 +26,6 @@ AXIS_NAMES = {
     "time/frames_per_second": "frames per second",
 }
 """What the y axis says; for other metrics, their names."""
-
-
-@dataclass(frozen=True)
-class LearningCurve:
-    """A metric over the frames of a training, the mean of the seeds.
-
-    Attributes:
-        label: What was trained.
-        seeds: How many there are.
-        frames: Shape (points,): those at which every seed has a value.
-        mean: Over the seeds, shape (points,).
-        low: Lower end of its 95 % interval, shape (points,); None for a single seed.
-        high: Upper end, likewise.
-    """
-
-    label: str
-    seeds: int
-    frames: Array
-    mean: Array
-    low: Array | None
-    high: Array | None
-
-
-def learning_curve(group: RunGroup, metric: str, smooth: int = 1) -> LearningCurve:
-    """Pools the seeds of a configuration.
-
-    Args:
-        group: The runs. Beyond the end of the shortest one nothing is pooled.
-        metric: Anything that they have logged.
-        smooth: Each point becomes the mean of this many points of the same run up to it, fewer at
-            the start.
-
-    Raises:
-        UnknownNameError: A run has not logged the metric.
-        ValueError: There are no frames at which every run has a value.
-    """
-    curves = [run.curve(metric) for run in group.runs]
-    frames = functools.reduce(np.intersect1d, [frames for frames, _ in curves])
-    if not len(frames):
-        raise ValueError(
-            f"There are no frames at which {' and '.join(str(run.run_dir) for run in group.runs)} "
-            f"have a value of {metric}, so there is nothing to draw."
-        )
-    values = [running_mean(values, smooth)[np.searchsorted(at, frames)] for at, values in curves]
-    return LearningCurve(group.label, len(values), frames, *mean_curve(values))
-
-
-def running_mean(values: Array, count: int) -> Array:
-    """The mean of each value and those before it, ``count`` in all or as many as there are."""
-    ends = range(1, len(values) + 1)
-    return np.array([values[max(end - count, 0) : end].mean() for end in ends])
 
 
 def learning_curves_figure(
@@ -99,7 +40,7 @@ def learning_curves_figure(
         threshold: Where to draw a horizontal line.
 
     Raises:
-        ImportError: matplotlib is not installed.
+        MissingExtraError: matplotlib is not installed.
     """
     figure, axes = new_figure(7.0, 4.2)
     for index, curve in enumerate(curves):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fbrl.checks.extras import MissingExtraError, missing_packages
 from fbrl.density.assist import AssistDensity
 from fbrl.density.passes import Pass
 from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
@@ -20,6 +21,13 @@ if TYPE_CHECKING:
 _COLOURS = "viridis"
 _LINES = "#f2f2f2"
 _CELL_METRES = 2.0
+
+
+def check_installed() -> None:
+    """Raises :class:`fbrl.checks.extras.MissingExtraError` where mplsoccer is not installed."""
+    missing = missing_packages(["mplsoccer"])
+    if missing:
+        raise MissingExtraError("Pictures of a pitch", missing, "density")
 
 
 def passes_figure(passes: Sequence[Pass], title: str, credit: str = "Data: StatsBomb") -> Figure:
@@ -104,11 +112,9 @@ def agent_figure(
 def _pitches(
     count: int, colour: str = "white", line_colour: str = _LINES
 ) -> tuple[Figure, list[Axes]]:
-    try:
-        from mplsoccer import Pitch
-    except ImportError as error:
-        raise ValueError("Pictures need mplsoccer: `pip install 'fbrl[density]'`.") from error
+    check_installed()
     from matplotlib.figure import Figure
+    from mplsoccer import Pitch
 
     length, width = METRES_PER_UNIT[0] * 2 * HALF_LENGTH, METRES_PER_UNIT[1] * 2 * HALF_WIDTH
     across = {1: 9.0, 2: 7.0, 3: 5.2}[count]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING
 
+from fbrl.checks.extras import MissingExtraError
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
@@ -30,12 +32,12 @@ def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
         height: In inches.
 
     Raises:
-        ImportError: matplotlib is not installed.
+        MissingExtraError: matplotlib is not installed.
     """
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise ImportError("Figures need matplotlib: `pip install 'fbrl[analysis]'`.") from error
+        raise MissingExtraError("Figures", ["matplotlib"], "analysis") from error
 
     # Apart from pyplot, which would keep every figure and may want a screen.
     figure = Figure(figsize=(width, height), layout="constrained")

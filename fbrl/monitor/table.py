@@ -9,8 +9,7 @@ from pathlib import Path
 
 from fbrl.files.appended_file import AppendedFile
 from fbrl.files.atomic_write import atomic_write
-
-FRAMES = "frames"
+from fbrl.run_files import FRAMES
 
 
 class Table:

@@ -18,6 +18,7 @@ from fbrl.monitor.layout import chart_layout
 from fbrl.monitor.names import ACTION_TAGS
 from fbrl.monitor.recent_matches import RecentMatches
 from fbrl.monitor.table import Table, drop_rows
+from fbrl.run_files import EVALUATIONS_NAME, FRAMES, METRICS_NAME
 
 if TYPE_CHECKING:
     from fbrl.evaluation.evaluation import Evaluation
@@ -96,9 +97,9 @@ class Monitor:
             raise CheckpointError(
                 f"The checkpoint has no means of the last matches ({error!r:.200})."
             ) from error
-        drop_rows(self._run_dir / "metrics.csv", past=frames)
+        drop_rows(self._run_dir / METRICS_NAME, past=frames)
         last_evaluation = -1 if evaluated_at is None else evaluated_at
-        drop_rows(self._run_dir / "evaluations.csv", past=last_evaluation)
+        drop_rows(self._run_dir / EVALUATIONS_NAME, past=last_evaluation)
         if evaluated_at == frames:
             self._events.add_restart(frames + 1)
         else:
@@ -133,10 +134,11 @@ class Monitor:
             "time/collect_seconds": collect_seconds,
             "time/update_seconds": update_seconds,
         }
-        metrics = self._latest = {**self._recent.means(), **of_iteration}
+        metrics = {**self._recent.means(), **of_iteration}
+        self._latest = metrics
         self._write_events(self._events.add_scalars, metrics, frames)
-        columns = ["frames", *self._recent.names, *of_iteration]
-        self._write_row("metrics.csv", columns, {"frames": frames, **metrics})
+        columns = [FRAMES, *self._recent.names, *of_iteration]
+        self._write_row(METRICS_NAME, columns, {FRAMES: frames, **metrics})
         return metrics
 
     def log_evaluation(
@@ -157,13 +159,13 @@ class Monitor:
             "evaluation/matches": len(evaluation.goal_differences),
             "evaluation/seconds": seconds,
         }
-        columns = ["frames", *metrics]
+        columns = [FRAMES, *metrics]
         # The possession of matches in which nobody had the ball is not known.
         metrics = {name: value for name, value in metrics.items() if not math.isnan(value)}
         self._write_events(self._events.add_scalars, metrics, frames)
         for name, encoded in images.items():
             self._write_events(self._events.add_image, name, encoded, frames)
-        self._write_row("evaluations.csv", columns, {"frames": frames, **metrics})
+        self._write_row(EVALUATIONS_NAME, columns, {FRAMES: frames, **metrics})
 
     def _write_events(self, add: Callable[..., None], *arguments: Any) -> None:
         self._write("TensorBoard's events", add, *arguments)

@@ -7,10 +7,7 @@ import faulthandler
 import os
 from pathlib import Path
 
-import numpy as np
-
-REPORT_NAME = "crash.txt"
-"""In a run's directory, as long as the training goes on; empty unless it crashes."""
+from fbrl.run_files import REPORT_NAME
 
 
 class CrashReport:
@@ -71,15 +68,3 @@ def set_crash_report_aside(run_dir: Path, number: int) -> Path | None:
     if not report.is_file() or not report.stat().st_size:
         return None
     return report.replace(run_dir / f"crash-{number}.txt")
-
-
-def seed_after_crashes(seed: int, crashes: int) -> int:
-    """The seed with which a training goes on after a crash: another one after each.
-
-    Args:
-        seed: The training's own, which it is as long as there was no crash.
-        crashes: How many there were.
-    """
-    if not crashes:
-        return seed
-    return int(np.random.SeedSequence([seed, crashes]).generate_state(1)[0])

@@ -14,14 +14,15 @@ from torchrl.envs import EnvBase
 
 from fbrl.config import TrainConfig
 from fbrl.envs.factory import make_env
-from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate, other_seed
+from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
-from fbrl.training.crash_report import seed_after_crashes
-from fbrl.training.pictures import MatchPictures, missing_packages
+from fbrl.run_seeds import other_seed, seed_after_crashes
+from fbrl.training.pictures import MatchPictures
 from fbrl.transforms import ScoringReward
 from fbrl.transforms.ball_control import in_control
 from fbrl.watch.recording import record_matches
+from fbrl.watch.video import missing_video_packages
 
 NUM_PLACES = 4
 """Fresh matches at a time. An engine takes 70 to 130 MB; the same number on every machine, since
@@ -74,12 +75,12 @@ class Evaluator:
         self._env: EnvBase | None = None
         self._pictures: MatchPictures | None = None
         if config.eval_pictures and config.eval_episodes:
-            missing = missing_packages()
+            missing = missing_video_packages()
             if missing:
                 on_warning(
                     f"The evaluations go without pictures: {', '.join(missing)} not installed. "
-                    "Run pip install 'fbrl[football,analysis]', or ask for none with "
-                    "--no-eval-pictures."
+                    "Run pip install 'fbrl[analysis]', or ask for none: eval_pictures=False, "
+                    "--no-eval-pictures on a command line."
                 )
             else:
                 self._pictures = MatchPictures(reward)

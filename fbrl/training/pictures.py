@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import itertools
 import tempfile
@@ -11,10 +10,8 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from fbrl.density import AssistDensity
-from fbrl.transforms import AssistDensityPotential, AssistDensityReward, ScoringReward
+from fbrl.transforms import ScoringReward
 from fbrl.watch.recording import MatchRecording
-
-_PACKAGES = ("mplsoccer", "imageio", "imageio_ffmpeg", "cv2")
 
 _DOTS_PER_INCH = 90
 _VIDEO_WIDTH = 480
@@ -22,11 +19,6 @@ _FRAMES = 200
 _STEPS_PER_FRAME = 2
 # Twice as fast as it was played: ten steps are a second.
 _FRAMES_PER_SECOND = 10.0
-
-
-def missing_packages() -> list[str]:
-    """Packages that pictures need and that are not installed."""
-    return [name for name in _PACKAGES if importlib.util.find_spec(name) is None]
 
 
 class MatchPictures:
@@ -38,8 +30,7 @@ class MatchPictures:
     """
 
     def __init__(self, reward: ScoringReward) -> None:
-        has_densities = isinstance(reward, (AssistDensityReward, AssistDensityPotential))
-        self._paid = reward.density if has_densities else None
+        self._paid = reward.density
 
     def positions(self, positions: ArrayLike) -> bytes:
         """A PNG of the ball's positions, (n, 2) in pitch units, beside the densities."""

@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from fbrl.checkpoint import BEST_NAME, CHECKPOINT_NAME, PREVIOUS_NAME, save_checkpoint
+from fbrl.checkpoint import save_checkpoint
 from fbrl.config import TrainConfig
 from fbrl.config_json import config_to_dict, save_config
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.ppo.update import TrainingDivergedError
+from fbrl.run_files import (
+    BEST_NAME,
+    CHECKPOINT_NAME,
+    CONFIG_NAME,
+    DIVERGED_NAME,
+    PREVIOUS_NAME,
+    kept_checkpoint_name,
+)
 from fbrl.training.interrupt import Interrupt
 from fbrl.training.run_dir import RunDirLock
 from fbrl.training.training_state import TrainingState
-
-DIVERGED_NAME = "diverged.pt"
-"""Where a run keeps what led to losses that are not finite."""
 
 
 class TrainingNotSavedError(RuntimeError):
@@ -75,7 +80,7 @@ class RunCheckpoints:
         Raises:
             RunDirReplacedError: Another training was begun in its place.
         """
-        path = self.run_dir / "config.json"
+        path = self.run_dir / CONFIG_NAME
         try:
             self._lock.renew()
             if path.exists():
@@ -127,7 +132,7 @@ class RunCheckpoints:
 
     def keep(self) -> None:
         """Saves the training into a file that stays."""
-        self._write_or_warn(f"checkpoints/{self._state.ppo.frames}.pt")
+        self._write_or_warn(kept_checkpoint_name(self._state.ppo.frames))
 
     def check_saved(self) -> None:
         """Makes sure, at the end, that nothing is lost.

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fbrl.config import ConfigError, TrainConfig
-
-LOCK_NAME = ".lock"
+from fbrl.run_files import LOCK_NAME
 
 
 def make_run_dir(config: TrainConfig) -> Path:

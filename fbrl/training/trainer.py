@@ -27,6 +27,7 @@ from fbrl.evaluation.evaluation import Evaluation
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
 from fbrl.ppo.update import TrainingDivergedError
+from fbrl.run_files import CONFIG_NAME
 from fbrl.training.crash_report import CrashReport, set_crash_report_aside
 from fbrl.training.evaluator import Evaluator
 from fbrl.training.interrupt import Interrupt, Interrupted
@@ -134,7 +135,7 @@ def train(
             crashes = crashes_before(checkpoint)
             crash = set_crash_report_aside(run_dir, crashes + 1)
             crashes += crash is not None
-        save_config(config, run_dir / "config.json")
+        save_config(config, run_dir / CONFIG_NAME)
         keep_density(reward, run_dir)
         crash_report = stack.enter_context(CrashReport(run_dir))
         frames = checkpoint["frames"] if checkpoint else None

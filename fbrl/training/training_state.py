@@ -18,7 +18,7 @@ from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
-from fbrl.training.crash_report import seed_after_crashes
+from fbrl.run_seeds import seed_after_crashes
 
 
 class TrainingState:

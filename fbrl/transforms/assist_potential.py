@@ -105,6 +105,8 @@ class AssistDensityPotential(ShapedReward):
         0.0976
     """
 
+    density: AssistDensity
+
     def __init__(
         self,
         density: AssistDensity | str | os.PathLike[str] | None = None,

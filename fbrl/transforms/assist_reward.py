@@ -118,6 +118,8 @@ class AssistDensityReward(ShapedReward):
             )
     """
 
+    density: AssistDensity
+
     def __init__(
         self,
         density: AssistDensity | str | os.PathLike[str] | None = None,

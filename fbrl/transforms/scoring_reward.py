@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import torch
 from tensordict import NestedKey, TensorDictBase, unravel_key
 from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
+
+if TYPE_CHECKING:
+    from fbrl.density import AssistDensity
 
 
 class ScoringReward(Transform):
@@ -36,6 +40,10 @@ class ScoringReward(Transform):
         >>> ScoringReward()(stored)["next", "reward_scoring"].squeeze(-1)
         tensor([1., 1.])
     """
+
+    density: AssistDensity | None
+    """The densities that it pays for; None where it has none. They are kept with a run and drawn
+    with its matches."""
 
     _keys: dict[str, NestedKey]
 
@@ -76,6 +84,7 @@ class ScoringReward(Transform):
             out_keys=[resolved[name] for name in ("reward", "reward_scoring", *writes)],
         )
         self._keys = resolved
+        self.density = None
 
     @property
     def part_names(self) -> tuple[str, ...]:

@@ -11,7 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fbrl.checks.extras import MissingExtraError, missing_packages
+
 ENDINGS = (".mp4", ".gif")
+
+_PACKAGES = ("mplsoccer", "imageio_ffmpeg", "cv2")
 
 # Players take colours without a tag for those of BT.709 or BT.601, as they like.
 _TAGGED = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709")
@@ -26,13 +30,16 @@ _PALETTE = "palettegen=max_colors=160:stats_mode=full"
 _USE_PALETTE = "[0:v][1:v]paletteuse=dither=none:diff_mode=rectangle"
 
 
-class MissingExtraError(ImportError):
-    """Raised where drawing or video writing is asked for and its libraries are not installed."""
+def missing_video_packages() -> list[str]:
+    """Packages that drawing and filming matches need, and that are not installed."""
+    return missing_packages(_PACKAGES)
 
-    def __init__(self, error: ImportError) -> None:
-        super().__init__(
-            f"Videos need what is not installed ({error}): `pip install 'fbrl[analysis]'`."
-        )
+
+def check_video_packages() -> None:
+    """Raises :class:`fbrl.checks.extras.MissingExtraError` where such packages are missing."""
+    missing = missing_video_packages()
+    if missing:
+        raise MissingExtraError("Videos", missing, "analysis")
 
 
 def check_video_path(path: str | os.PathLike[str]) -> Path:
@@ -135,7 +142,7 @@ class _Encoder:
         try:
             from imageio_ffmpeg import get_ffmpeg_exe
         except ImportError as error:
-            raise MissingExtraError(error) from error
+            raise MissingExtraError("Videos", ["imageio_ffmpeg"], "analysis") from error
         self._errors = tempfile.TemporaryFile("w+", errors="replace")  # noqa: SIM115
         self._process = subprocess.Popen(
             [get_ffmpeg_exe(), "-v", "error", *map(str, arguments)],

@@ -1,33 +1,16 @@
-"""What commands with subcommands share: their parsers, printing, checks before long work."""
+"""What commands print and write: checked before long work, figures saved after it."""
 
 from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from fbrl.cli.errors import Parser
-
-
-def add_command(
-    commands: Any,
-    name: str,
-    run: Callable[[argparse.Namespace], None] | None,
-    summary: str,
-    description: str | None = None,
-) -> Parser:
-    """Adds a subcommand that calls ``run``."""
-    parser = commands.add_parser(
-        name,
-        help=summary,
-        description=description or f"{summary[0].upper()}{summary[1:]}.",
-    )
-    parser.set_defaults(command=run, program=parser.prog)
-    return parser
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def console() -> Console:
@@ -60,3 +43,26 @@ def check_outputs(*paths: Path) -> None:
             raise ValueError(
                 f"{path} can't be written: no file can be made in {path.parent} ({error.strerror})."
             ) from error
+
+
+def add_figure_option(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--out``, the files of a figure."""
+    parser.add_argument(
+        "--out", type=Path, nargs="+", required=True, help="figures to write: .png, .svg or both"
+    )
+
+
+def check_figure_outputs(options: argparse.Namespace, *others: Path) -> None:
+    """Refuses figures, and other files beside them, that could not be written."""
+    from fbrl.figures.files import check_figure_path
+
+    check_outputs(*map(check_figure_path, options.out), *others)
+
+
+def write_figure(options: argparse.Namespace, figure: Figure) -> None:
+    """Writes a figure and says where it is."""
+    from fbrl.figures.files import save_figure
+
+    save_figure(figure, *options.out)
+    for path in options.out:
+        console().print(f"Written to {path}")

@@ -1,0 +1,27 @@
+"""Packages that only some of fbrl needs, and that are installed as an extra."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+
+
+class MissingExtraError(ImportError):
+    """Raised where something is asked for whose packages are not installed.
+
+    Args:
+        what: What needs them, in the plural, such as "Videos".
+        packages: Those that are missing.
+        extra: The extra of fbrl that has them.
+    """
+
+    def __init__(self, what: str, packages: Sequence[str], extra: str) -> None:
+        super().__init__(
+            f"{what} need {' and '.join(packages)}, not installed here: "
+            f"`pip install 'fbrl[{extra}]'`."
+        )
+
+
+def missing_packages(packages: Sequence[str]) -> list[str]:
+    """Those of some packages, by the names that they are imported by, that are not installed."""
+    return [name for name in packages if importlib.util.find_spec(name) is None]

@@ -1,0 +1,43 @@
+"""Tables of where an agent has had the ball, for :func:`fbrl.figures.pitch.agent_figure`."""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def write_positions(path: str | os.PathLike[str], positions: NDArray[np.float64]) -> None:
+    """Writes positions as a CSV table with the columns x and y in pitch units."""
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["x", "y"])
+        table.writerows([f"{x:.5f}", f"{y:.5f}"] for x, y in positions)
+
+
+def read_positions(path: str | os.PathLike[str]) -> NDArray[np.float64]:
+    """Reads positions from a CSV table with the columns x and y in pitch units.
+
+    Returns:
+        (n, 2) positions.
+
+    Raises:
+        ValueError: a column is missing, a value is no finite number, or there is no row.
+        OSError: the file cannot be read.
+    """
+    with Path(path).open(newline="", encoding="utf-8-sig") as file:
+        reader = csv.DictReader(file)
+        try:
+            rows = [(float(row["x"]), float(row["y"])) for row in reader]
+        except (KeyError, TypeError, ValueError, csv.Error) as error:
+            raise ValueError(
+                f"{path}, line {reader.line_num}: no position ({type(error).__name__}: {error}). "
+                "Expected the columns x and y in pitch units, [-1, 1] x [-0.42, 0.42]."
+            ) from error
+    positions = np.array(rows, dtype=np.float64).reshape(-1, 2)
+    if not len(positions) or not np.isfinite(positions).all():
+        raise ValueError(f"{path} holds no positions, or some that are not finite numbers.")
+    return positions
