@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
 import pytest
+from conftest import needs_engine
 
 from fbrl.envs import FootballVectorEnv
 from fbrl.envs.match_worker import MatchWorker
@@ -171,6 +174,93 @@ def test_matches_put_back_by_a_replacement_go_on(make):
     assert_same(observation, expected)
 
 
+def test_the_matches_after_lost_ones_follow_from_the_seed_whatever_its_type(make):
+    episodes = []
+    for seed in (7, np.int64(7)):
+        env = make()
+        env.reset(seed=seed)
+        kill(env._workers[0])
+        env.get_state()
+        episodes.append(env.episodes)
+    assert episodes[0] == episodes[1]
+
+
+def test_no_signal_to_the_whole_group_ends_a_worker_even_as_it_starts(make, monkeypatch):
+    start = FootballProcessVectorEnv._start
+
+    def start_and_signal(env, number, seeds):
+        worker = start(env, number, seeds)
+        signal_all(worker)
+        return worker
+
+    def signal_all(worker):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
+            os.kill(worker.process.pid, number)
+
+    monkeypatch.setattr(FootballProcessVectorEnv, "_start", start_and_signal)
+    env = make()
+    env.reset(seed=1)
+    for worker in env._workers:
+        signal_all(worker)
+    assert not env.step(np.zeros(3, int))[3].any()
+    assert env.lost_matches == 0
+
+
+NOT_CLOSED = """
+if __name__ == "__main__":
+    from fbrl.envs.process_vector_env import FootballProcessVectorEnv
+    env = FootballProcessVectorEnv("academy_empty_goal", 2)
+    env.reset(seed=1)
+"""
+
+
+@needs_engine
+def test_a_program_that_closes_nothing_ends_all_the_same(tmp_path):
+    (tmp_path / "program.py").write_text(NOT_CLOSED)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "program.py"], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def misuse(env):
+    """What errors say, and what is observed after them."""
+    messages = []
+
+    def expect(kind, call, *arguments):
+        with pytest.raises(kind) as raised:
+            call(*arguments)
+        messages.append(str(raised.value))
+
+    env.reset(seed=4)
+    state = env.get_state()
+    # Matches 0 and 2, of two workers, shoot; one of them ends first.
+    ended = np.zeros(3, bool)
+    while not ended.any():
+        _, _, terminated, truncated, _ = env.step(np.array([12, 0, 12]))
+        ended = terminated | truncated
+    expect(RuntimeError, env.step, np.zeros(3, int))
+    expect(RuntimeError, env.get_state)
+    env.reset(options={"reset_mask": ended})
+    expect(ValueError, env.set_state, [*state[:2], {}])
+    expect(ValueError, env.set_state, [{}, *state[1:]])
+    expect(ValueError, env.step, np.array([0, 0, 19]))
+    env.set_state(state)
+    return messages, [env.step(np.array([5, 12, 0]))[0] for _ in range(3)], ended
+
+
+def test_misuse_is_told_as_by_the_threads_and_both_can_be_used_further(make):
+    threads = FootballVectorEnv(SCENARIO, 3, 1, KEYS)
+    messages, observations, ended = misuse(threads)
+    threads.close()
+    ours, played, _ = misuse(make())
+    assert ours == messages
+    assert messages[0].startswith(f"Matches {np.flatnonzero(ended).tolist()} of ")
+    assert messages[2].startswith("State 2 is not that of a match")
+    for one, other in zip(played, observations, strict=True):
+        assert_same(one, other)
+
+
 def test_workers_that_cannot_begin_are_an_error_at_once(make, monkeypatch):
     monkeypatch.setenv("PYTHONHOME", "/nowhere")
     env = make()
@@ -197,10 +287,9 @@ def test_misuse_is_named(make):
         env.step(np.array([0, 0, 19]))
     with pytest.raises(ValueError, match="states of 1 matches for 3"):
         env.set_state(env.get_state()[:1])
-    with pytest.raises(ValueError, match="not that of a match"):
-        env.set_state([{}] * 3)
     env.close()
     with pytest.raises(RuntimeError, match="closed"):
         env.reset()
-    with pytest.raises(ValueError, match="num_workers"):
-        make(num_workers=-1)
+    for name in ("num_workers", "num_threads"):
+        with pytest.raises(ValueError, match=f"{name} is 0"):
+            FootballProcessVectorEnv(SCENARIO, **{name: 0})

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import multiprocessing
 import signal
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
 
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
+"""What terminals and schedulers send to a whole group of processes, to have it end in order."""
+
 
 class WorkerLostError(Exception):
     """A worker has died or does not answer; says why."""
+
+
+class CallFailedError(Exception):
+    """A call has raised the exception that is this one's cause; the worker goes on."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +33,7 @@ class WorkerSettings:
     Attributes:
         scenario, num_envs, num_threads, observation_keys, action_set: Of its
             :class:`FootballVectorEnv`.
+        first_match: Number of its first match among those of all workers.
         seeds: A seed for each match, with which the first episodes begin.
     """
 
@@ -32,11 +42,15 @@ class WorkerSettings:
     num_threads: int
     observation_keys: tuple[str, ...]
     action_set: ActionSet
+    first_match: int
     seeds: Sequence[int | None]
 
 
 class MatchWorker:
     """The process as the other one sees it; it starts at once.
+
+    It ends with the other process, or when it is told to, but by none of :data:`ENDING_SIGNALS`:
+    what these mean is for the other process to decide.
 
     Args:
         name: Of the process.
@@ -51,8 +65,16 @@ class MatchWorker:
         self.process = multiprocessing.get_context("spawn").Process(
             target=_play_matches_for, args=(theirs, settings), name=name, daemon=True
         )
-        self.process.start()
+        with _blocked_signals():
+            # Python's own helper of such processes, which outlives these signals in the same way.
+            # Its start unblocks some of them.
+            resource_tracker.ensure_running()
+        with _blocked_signals():
+            # A process is blocked like the one that starts it, until it can ignore them.
+            self.process.start()
         theirs.close()
+        # Before multiprocessing's own end, which waits for what SIGTERM has no effect on.
+        atexit.register(self.end)
 
     def ask(self, method: str, arguments: dict[str, Any]) -> None:
         """Has a method of its :class:`FootballVectorEnv` called, or a property read."""
@@ -61,12 +83,13 @@ class MatchWorker:
             self._connection.send((method, arguments))
 
     def answer(self, timeout: float) -> Any:
-        """What the method returned, or raises what it raised.
+        """What the method returned.
 
         Args:
             timeout: Seconds to wait; 0 for ever.
 
         Raises:
+            CallFailedError: It raised an exception.
             WorkerLostError: It has died, or does not answer in time.
         """
         waited = 0.0
@@ -80,14 +103,15 @@ class MatchWorker:
         except (EOFError, OSError) as error:
             raise WorkerLostError(self._how_it_died()) from error
         if not went_well:
-            raise answer
+            raise CallFailedError from answer
         return answer
 
     def end(self) -> None:
         """Ends the process, whatever it is doing."""
-        self._connection.close()
+        atexit.unregister(self.end)
         self.process.kill()
         self.process.join()
+        self._connection.close()
 
     def _how_it_died(self) -> str:
         self.process.join(1)
@@ -97,13 +121,22 @@ class MatchWorker:
         return f"ended with exit code {code}"
 
 
+@contextlib.contextmanager
+def _blocked_signals() -> Iterator[None]:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _play_matches_for(connection: Connection, settings: WorkerSettings) -> None:
     """Answers ``(method, arguments)`` with ``(whether it went well, result or exception)``.
 
     It ends with the connection, as when the process at its other end has died.
     """
-    # The process at the other end decides what an interrupt means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in ENDING_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
     matches = FootballVectorEnv(
         settings.scenario,
         settings.num_envs,
@@ -111,13 +144,13 @@ def _play_matches_for(connection: Connection, settings: WorkerSettings) -> None:
         settings.observation_keys,
         settings.action_set,
     )
-    connection.send((True, matches.reset(seed=settings.seeds)))
-    while True:
-        try:
+    matches.first_match = settings.first_match
+    first = matches.reset(seed=settings.seeds)
+    with contextlib.suppress(EOFError, OSError):
+        connection.send((True, first))
+        while True:
             method, arguments = connection.recv()
-        except EOFError:
-            return
-        connection.send(_call(matches, method, arguments))
+            connection.send(_call(matches, method, arguments))
 
 
 def _call(matches: FootballVectorEnv, method: str, arguments: dict[str, Any]) -> tuple[bool, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from fbrl.checks.counts import check_count
 from fbrl.envs.arguments import check_actions, check_mask, check_options
 from fbrl.envs.episode_seeds import spread_seed
-from fbrl.envs.match_worker import MatchWorker, WorkerLostError, WorkerSettings
+from fbrl.envs.match_worker import CallFailedError, MatchWorker, WorkerLostError, WorkerSettings
 from fbrl.envs.observation import Observation
 from fbrl.envs.vector_env import ActionSet, MatchesVectorEnv
 
@@ -82,9 +82,10 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
         num_envs = check_count("num_envs", num_envs)
         super().__init__(scenario, num_envs, observation_keys, action_set)
         cores = len(os.sched_getaffinity(0))
-        workers = check_count("num_workers", num_workers or max(2, cores // CORES_PER_WORKER))
-        threads = check_count("num_threads", num_threads or cores)
-        workers = min(workers, num_envs)
+        if num_workers is None:
+            num_workers = max(2, cores // CORES_PER_WORKER)
+        workers = min(check_count("num_workers", num_workers), num_envs)
+        threads = cores if num_threads is None else check_count("num_threads", num_threads)
         self._action_set = action_set
         self._num_threads = max(1, threads // workers)
         self._timeout = timeout
@@ -96,6 +97,7 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
         # Of the seeds that lost matches are followed by.
         self._random = np.random.default_rng()
         self._observation: Observation = {}
+        self._ended = np.zeros(num_envs, bool)
         # Workers that were replaced while no step was played: the next one has to tell.
         self._to_tell: set[int] = set()
         self._is_asking = False
@@ -119,7 +121,7 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
         self._check_open()
         mask = check_mask(check_options(options, ("reset_mask",)).get("reset_mask"), self.num_envs)
         seeds = spread_seed(seed, self.num_envs)
-        if isinstance(seed, int):
+        if isinstance(seed, (int, np.integer)):
             self._random = np.random.default_rng(seed)
         if not self._workers:
             self._workers = [
@@ -135,6 +137,7 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
 
             answers = self._ask("reset", arguments)
             self._to_tell -= {n for n, share in enumerate(self._share) if mask[share].all()}
+        self._ended &= ~mask
         observations, infos = zip(*answers, strict=True)
         info = {key: np.concatenate([one[key] for one in infos]) for key in infos[0]}
         before = self._observation
@@ -161,29 +164,32 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
         """
         self._check_begun("step()")
         actions = check_actions(actions, self.num_envs, self._num_actions)
+        self._check_none_ended(np.flatnonzero(self._ended).tolist(), "step()")
         answers = self._ask("step", lambda share: {"actions": actions[share]})
-        observations, rewards, terminated, truncated, _ = zip(*answers, strict=True)
-        return (
-            self._join(observations),
-            np.concatenate(rewards),
-            np.concatenate(terminated),
-            np.concatenate(truncated),
-            {},
-        )
+        observations, *results, _ = zip(*answers, strict=True)
+        rewards, terminated, truncated = map(np.concatenate, results)
+        self._ended = terminated | truncated
+        return self._join(observations), rewards, terminated, truncated, {}
 
     @property
     def episodes(self) -> list[tuple[int, int]]:
-        """Engine seed and number of each match's episode, which decide all but the actions."""
+        """See :attr:`MatchesVectorEnv.episodes`."""
         self._check_begun("episodes")
         return self._ask_all("episodes")
 
+    @property
+    def has_lost_matches(self) -> bool:
+        """See :attr:`MatchesVectorEnv.has_lost_matches`; others play in their place already."""
+        return bool(self._to_tell)
+
     def get_state(self) -> list[dict[str, Any]]:
-        """See :meth:`FootballVectorEnv.get_state`."""
+        """See :meth:`MatchesVectorEnv.get_state`."""
         self._check_begun("get_state()")
+        self._check_none_ended(np.flatnonzero(self._ended).tolist(), "get_state()")
         return self._ask_all("get_state")
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
-        """See :meth:`FootballVectorEnv.set_state`."""
+        """See :meth:`MatchesVectorEnv.set_state`."""
         if len(states) != self.num_envs:
             raise ValueError(
                 f"There are states of {len(states)} matches for {self.num_envs} matches."
@@ -192,6 +198,7 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
             self.reset()
         self._ask("set_state", lambda share: {"states": [states[i] for i in share]})
         self._to_tell.clear()
+        self._ended[:] = False
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the workers."""
@@ -220,6 +227,9 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
     def _ask(self, method: str, arguments: Callable[[list[int]], dict[str, Any]]) -> list[Any]:
         """Asks all workers at once; one that is lost is replaced.
 
+        Where calls have failed, all others have answered too before the first failure is raised:
+        the matches can be used further.
+
         Args:
             method: Of :class:`FootballVectorEnv`.
             arguments: Of a worker's matches.
@@ -231,12 +241,21 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
         for number, share in enumerate(self._share):
             if number not in silent:
                 self._workers[number].ask(method, arguments(share))
-        answers = [
-            self._cut_off(number) if number in silent else self._answer(number, method, arguments)
-            for number in range(len(self._share))
-        ]
-        self._to_tell = self._to_tell - silent
+        answers, failures = [], []
+        for number in range(len(self._share)):
+            try:
+                answers.append(
+                    self._cut_off(number)
+                    if number in silent
+                    else self._answer(number, method, arguments)
+                )
+            except CallFailedError as error:
+                failures.append(error.__cause__)
         self._is_asking = False
+        for failure in failures:
+            assert failure is not None
+            raise failure
+        self._to_tell = self._to_tell - silent
         return answers
 
     def _answer(
@@ -266,6 +285,7 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
             self._num_threads,
             tuple(self.single_observation_space),
             self._action_set,
+            self._share[number][0],
             seeds,
         )
         return MatchWorker(f"matches-{number}", settings)

@@ -6,6 +6,8 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import GymWrapper
 
+from fbrl.envs.vector_env import MatchesVectorEnv
+
 
 class FootballMatches(GymWrapper):
     """TorchRL's wrapper of a :class:`~fbrl.envs.FootballVectorEnv`, with a step of its own.
@@ -23,6 +25,11 @@ class FootballMatches(GymWrapper):
         >>> env.rollout(3)["next", "ball"].shape
         torch.Size([2, 3, 3])
     """
+
+    @property
+    def matches(self) -> MatchesVectorEnv:
+        """The vector environment that is wrapped."""
+        return self._env
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action", None)

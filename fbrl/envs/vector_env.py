@@ -59,9 +59,48 @@ class MatchesVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self.single_action_space = spaces.Discrete(self._num_actions)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
+    @property
+    def episodes(self) -> list[tuple[int, int]]:
+        """Engine seed and number of each match's episode, which decide all but the actions."""
+        raise NotImplementedError
+
+    @property
+    def has_lost_matches(self) -> bool:
+        """Whether there are matches that were lost and that the next step has to end."""
+        return False
+
+    def get_state(self) -> list[dict[str, Any]]:
+        """The state of each match, which has to be running, and of its next episodes' seeds.
+
+        Numbers, strings and bytes; 30 to 80 KB for each match.
+
+        Raises:
+            RuntimeError: A match has not begun or has ended.
+        """
+        raise NotImplementedError
+
+    def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
+        """Goes on from a state: all matches, and those after them, then replay exactly.
+
+        Args:
+            states: Of as many matches of this scenario, from a source that is trusted: see
+                :meth:`fbrl.envs.engine.Match.set_state`.
+
+        Raises:
+            ValueError: They are not, as far as can be seen.
+        """
+        raise NotImplementedError
+
     def _check_open(self) -> None:
         if self.closed:
             raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")
+
+    def _check_none_ended(self, ended: Iterable[int], call: str) -> None:
+        if numbers := sorted(ended):
+            raise RuntimeError(
+                f"Matches {numbers} of {self.scenario!r} have ended: call "
+                f"reset(options={{'reset_mask': mask}}) for them before {call}."
+            )
 
 
 class FootballVectorEnv(MatchesVectorEnv):
@@ -88,6 +127,10 @@ class FootballVectorEnv(MatchesVectorEnv):
     Matches do not start again by themselves (``AutoresetMode.DISABLED``): after an episode's
     end, call ``reset(options={"reset_mask": mask})``. TorchRL's ``GymWrapper`` does so. With
     any other mode TorchRL would lose the last state of each episode.
+
+    Attributes:
+        first_match: The number by which errors call the first match; others than 0 where these
+            matches are a part of more.
     """
 
     def __init__(
@@ -102,6 +145,7 @@ class FootballVectorEnv(MatchesVectorEnv):
         if num_threads is not None:
             num_threads = check_count("num_threads", num_threads)
         super().__init__(scenario, num_envs, observation_keys, action_set)
+        self.first_match = 0
         self._matches = [Match(scenario) for _ in range(num_envs)]
         self._layout = RowLayout(self.single_observation_space)
         self._rows = self._layout.rows(num_envs)
@@ -144,7 +188,7 @@ class FootballVectorEnv(MatchesVectorEnv):
 
     @property
     def episodes(self) -> list[tuple[int, int]]:
-        """Engine seed and number of each match's episode, which decide all but the actions."""
+        """See :attr:`MatchesVectorEnv.episodes`."""
         return [(episode.engine_seed, episode.number) for episode in self._episodes]
 
     def step(
@@ -161,7 +205,7 @@ class FootballVectorEnv(MatchesVectorEnv):
         """
         self._check_open()
         actions = check_actions(actions, self.num_envs, self._num_actions)
-        self._check_running("step()")
+        self._check_none_ended(self._next_episodes, "step()")
         results = self._threads.map(self._step_match, range(self.num_envs), actions.tolist())
         return (
             self._layout.split(self._rows),
@@ -172,29 +216,15 @@ class FootballVectorEnv(MatchesVectorEnv):
         )
 
     def get_state(self) -> list[dict[str, Any]]:
-        """The state of each match, which has to be running, and of its next episodes' seeds.
-
-        Numbers, strings and bytes; 30 to 80 KB for each match.
-
-        Raises:
-            RuntimeError: A match has not begun or has ended.
-        """
-        self._check_running("get_state()")
+        """See :meth:`MatchesVectorEnv.get_state`."""
+        self._check_none_ended(self._next_episodes, "get_state()")
         return [
             {"match": dataclasses.asdict(match.get_state()), "episodes": episodes.get_state()}
             for match, episodes in zip(self._matches, self._episodes, strict=True)
         ]
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
-        """Goes on from a state: all matches, and those after them, then replay exactly.
-
-        Args:
-            states: Of as many matches of this scenario, from a source that is trusted: see
-                :meth:`fbrl.envs.engine.Match.set_state`.
-
-        Raises:
-            ValueError: They are not, as far as can be seen.
-        """
+        """See :meth:`MatchesVectorEnv.set_state`."""
         if not isinstance(states, Sequence) or len(states) != self.num_envs:
             number = len(states) if isinstance(states, Sequence) else repr(states)
             raise ValueError(f"There are states of {number} matches for {self.num_envs} matches.")
@@ -240,14 +270,8 @@ class FootballVectorEnv(MatchesVectorEnv):
             self._next_episodes.pop(index, None)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             reason = f"{type(error).__name__}: {error}"
-            raise ValueError(f"State {index} is not that of a match ({reason}).") from error
-
-    def _check_running(self, call: str) -> None:
-        if self._next_episodes:
-            raise RuntimeError(
-                f"Matches {sorted(self._next_episodes)} of {self.scenario!r} have ended: call "
-                f"reset(options={{'reset_mask': mask}}) for them before {call}."
-            )
+            number = self.first_match + index
+            raise ValueError(f"State {number} is not that of a match ({reason}).") from error
 
 
 def _describe_match(scenario: str, episodes: Sequence[EpisodeSeeds], index: int) -> str:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
+from fbrl.envs.match_worker import ENDING_SIGNALS
+
 
 class Interrupted(BaseException):
     """Raised inside :meth:`Interrupt.allowed` when the user asks for the end.
@@ -38,8 +40,6 @@ class Interrupt:
         requested: A signal has come.
     """
 
-    _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
-
     def __init__(self, on_postponed: Callable[[], None] = lambda: None) -> None:
         self.requested = False
         self._on_postponed = on_postponed
@@ -49,7 +49,7 @@ class Interrupt:
 
     def __enter__(self) -> Interrupt:
         if threading.current_thread() is threading.main_thread():
-            for number in self._SIGNALS:
+            for number in ENDING_SIGNALS:
                 if signal.getsignal(number) is not signal.SIG_IGN:
                     self._previous[number] = signal.signal(number, self._handle)
         return self
