@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import torch
 from tensordict import TensorDictBase
 from torch import nn
-from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
+from torchrl.envs import EnvBase
 
 from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.models.actor_critic import CollectionPolicy
@@ -99,10 +99,9 @@ class RolloutCollector(BatchCollector):
         # Left in, the environment would hand them on from step to step.
         state = start.exclude(*self._bookkeeping.keys) if self._bookkeeping else start.copy()
         steps: list[TensorDictBase] = []
-        with set_exploration_type(ExplorationType.RANDOM):
-            for _ in range(self._num_steps):
-                step, state = self._env.step_and_maybe_reset(self.policy(state))
-                steps.append(step)
+        for _ in range(self._num_steps):
+            step, state = self._env.step_and_maybe_reset(self.policy.sample(state))
+            steps.append(step)
         stacked: TensorDictBase = torch.stack(steps, -1, out=self._batch)
         batch = stacked.copy()
         if self._bookkeeping:

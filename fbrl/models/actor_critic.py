@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Literal
 
@@ -75,6 +76,7 @@ class ActorCritic(ActorValueOperator):
             ),
             ValueOperator(value_head, in_keys=["hidden"]),
         )
+        self._compile_mode: str | None = None
 
     def compile_trunk(self, *, cuda_graphs: bool = False) -> None:
         """Compiles the trunk, when it is first called, with ``torch.compile``, in place.
@@ -85,8 +87,8 @@ class ActorCritic(ActorValueOperator):
             cuda_graphs: Let each call replay a CUDA graph, without the launch of each kernel; the
                 same as without on a CPU.
         """
-        mode = "reduce-overhead" if cuda_graphs else "default"
-        self.get_submodule("module.0.module").compile(mode=mode)
+        self._compile_mode = "reduce-overhead" if cuda_graphs else "default"
+        self.get_submodule("module.0.module").compile(mode=self._compile_mode)
 
     def get_collection_policy(self) -> CollectionPolicy:
         """Returns the policy that acts in the environment; it shares the parameters."""
@@ -94,6 +96,14 @@ class ActorCritic(ActorValueOperator):
         policy_head = self.get_submodule("module.1.module.0.module")
         value_head = self.get_submodule("module.2.module")
         return CollectionPolicy(trunk, policy_head, value_head, self.module[0].in_keys[0])
+
+    def copy_collection_policy(self) -> CollectionPolicy:
+        """Returns a policy with parameters of its own; its trunk is compiled if the model's is."""
+        policy = copy.deepcopy(self.get_collection_policy())
+        if self._compile_mode is not None:
+            # A copy of a compiled module is not compiled.
+            policy.trunk.compile(mode=self._compile_mode)
+        return policy
 
 
 class CollectionPolicy(TensorDictModuleBase):
@@ -132,6 +142,18 @@ class CollectionPolicy(TensorDictModuleBase):
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Adds ``action``, ``action_log_prob`` and ``state_value``."""
+        return self._act(tensordict, exploration_type() or ExplorationType.RANDOM)
+
+    @torch.no_grad()
+    def sample(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """As ``forward``, with sampled actions whatever the exploration type.
+
+        All threads have one exploration type, and TorchRL's losses set it: a thread that acts while
+        another one learns must not read it.
+        """
+        return self._act(tensordict, ExplorationType.RANDOM)
+
+    def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
         observation = tensordict.get(self.in_keys[0], None)
         if observation is None:
             raise KeyError(
@@ -142,7 +164,7 @@ class CollectionPolicy(TensorDictModuleBase):
         logits = self.policy_head(hidden)
         # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
         log_probs = logits - logits.logsumexp(-1, keepdim=True)
-        action = _choose(log_probs)
+        action = _choose(log_probs, exploration)
         log_prob = log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1)
         tensordict.set("action", action.to(observation.device))
         tensordict.set("action_log_prob", log_prob.to(observation.device))
@@ -213,8 +235,7 @@ def build_actor_critic(
     )
 
 
-def _choose(log_probs: torch.Tensor) -> torch.Tensor:
-    exploration = exploration_type() or ExplorationType.RANDOM
+def _choose(log_probs: torch.Tensor, exploration: ExplorationType) -> torch.Tensor:
     if exploration is ExplorationType.RANDOM:
         # What torch.multinomial does for one draw, from the same random numbers, without reading
         # the probabilities back to check them.
