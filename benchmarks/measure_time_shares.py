@@ -86,7 +86,7 @@ def time_shares(
     from fbrl.models.actor_critic import CollectionPolicy
     from fbrl.monitor import Monitor
     from fbrl.ppo import algorithm
-    from fbrl.training.trainer import TrainListener, train
+    from fbrl.training import TrainListener, train
     from fbrl.transforms import AssistDensityReward
 
     config = training_config(scenario, network, num_steps, iterations, device, seed)

@@ -51,7 +51,7 @@ def fbrl_training(
     Returns:
         ``frames_per_second``.
     """
-    from fbrl.training.trainer import TrainListener, train
+    from fbrl.training import TrainListener, train
 
     config = training_config(scenario, network, num_steps, iterations, device, seed)
     ends: list[float] = []

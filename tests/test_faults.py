@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
+import json
+import os
 import re
 import resource
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -20,15 +25,17 @@ from tensordict import TensorDict
 
 from fbrl.agent import make_model
 from fbrl.checkpoint import load_checkpoint
-from fbrl.config import PPOConfig, TrainConfig
+from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.config_json import config_from_dict
+from fbrl.density import AssistDensity
 from fbrl.envs.engine import Match
+from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.ppo.algorithm import PPO
 from fbrl.ppo.update import TrainingDivergedError, update
+from fbrl.training import TrainListener, train
 from fbrl.training.evaluator import Evaluator
 from fbrl.training.run_checkpoints import TrainingNotSavedError
 from fbrl.training.run_dir import RunDirLock, RunDirReplacedError
-from fbrl.training.trainer import TrainListener, train
 from fbrl.transforms import ScoringReward
 
 SMALL = PPOConfig(total_frames=256, num_envs=2, num_steps=16, num_minibatches=2, num_epochs=1)
@@ -242,14 +249,16 @@ main()
 """
 
 
-def fall_into_trap(fault, *arguments, cwd, stdout=subprocess.PIPE):
+def fall_into_trap(
+    fault, *arguments, cwd, script=TRAP, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+):
     return subprocess.run(
-        [sys.executable, "-c", TRAP, fault, *arguments],
+        [sys.executable, "-c", script, fault, *arguments],
         cwd=cwd,
         stdout=stdout,
-        stderr=subprocess.PIPE,
+        stderr=stderr,
         text=True,
-        timeout=120,
+        timeout=60,
     )
 
 
@@ -284,6 +293,91 @@ def test_an_engine_that_hangs_ends_the_process_with_everything_saved(tmp_path):
     assert not (run_dir / "crash.txt").exists()
 
 
+SLOW_UPDATES = """
+import time
+from fbrl.ppo import algorithm
+
+update = algorithm.update
+
+def slow_update(*arguments):
+    time.sleep(0.4)
+    return update(*arguments)
+
+algorithm.update = slow_update
+"""
+
+
+@needs_engine
+def test_a_hang_that_nobody_can_be_told_of_ends_the_process_after_the_update_in_hand(tmp_path):
+    reader, closed_pipe = os.pipe()
+    os.close(reader)
+    command = "academy_empty_goal --num-envs 2 --num-steps 64 --num-minibatches 8 --num-epochs 1"
+    options = "--hidden-sizes 16 --eval-episodes 0 --device cpu --hang-timeout 2 --run-dir run"
+    done = fall_into_trap(
+        "hang",
+        *command.split(),
+        *options.split(),
+        "--collect-ahead",
+        cwd=tmp_path,
+        script=SLOW_UPDATES + TRAP,
+        stderr=closed_pipe,
+    )
+    os.close(closed_pipe)
+    assert done.returncode == 1
+    # A match of the second batch hung during the update with the first one: 8 steps of 0.4 s.
+    checkpoint = load_checkpoint(tmp_path / "run")
+    assert checkpoint["frames"] == 128
+    assert {state["step"].item() for state in checkpoint["optimizer"]["state"].values()} == {8}
+
+
+def test_a_batch_that_hangs_as_the_training_ends_is_noticed_too(config, monkeypatch):
+    step, ended = Match.step, threading.Event()
+    steps, codes = itertools.count(1), []
+
+    def hang_in_the_second_batch(match, action):
+        if next(steps) == 50:
+            ended.wait(20)
+        return step(match, action)
+
+    def end_the_hang(code):
+        codes.append(code)
+        ended.set()
+
+    monkeypatch.setattr(Match, "step", hang_in_the_second_batch)
+    monkeypatch.setattr(os, "_exit", end_the_hang)
+    hangs = []
+    listener = TrainListener(
+        on_metrics=lambda frames, metrics: signal.raise_signal(signal.SIGTERM),
+        on_hang=hangs.append,
+    )
+    config = dataclasses.replace(config, collect_ahead=True, hang_timeout=1)
+    assert train(config, listener).interrupted
+    assert codes == [1]
+    assert "of 32 frames, is whole" in hangs[0]
+
+
+def test_a_training_that_fails_as_it_begins_leaves_its_directory_free(config, monkeypatch):
+    with monkeypatch.context() as fault:
+        fault.setenv("PYTHONHOME", "/nowhere")
+        with pytest.raises(MatchWorkersError):
+            train(dataclasses.replace(config, collector="processes", density="uniform"))
+    assert (config.run_dir / "config.json").exists()
+    (config.run_dir / "checkpoints").mkdir()
+    (config.run_dir / "checkpoints" / "last.pt.partial").touch()
+    own = config.run_dir / "notes.txt"
+    own.touch()
+    with pytest.raises(ConfigError, match="is not empty"):
+        train(config)
+    own.unlink()
+    assert train(config).frames == 256
+    assert config_from_dict(json.loads((config.run_dir / "config.json").read_text())) == config
+    kept = AssistDensity.load(config.run_dir / "density.npz")
+    assert torch.equal(kept.end.grid, AssistDensity.default().end.grid)
+    assert len(list(config.run_dir.glob("events*"))) == 1
+    with pytest.raises(ConfigError, match="is not empty"):
+        train(config)
+
+
 def test_after_a_crash_evaluations_play_other_matches(config, monkeypatch):
     played, reset = [], Match.reset
 
@@ -292,6 +386,7 @@ def test_after_a_crash_evaluations_play_other_matches(config, monkeypatch):
         reset(self, seed, episode_number)
 
     monkeypatch.setattr(Match, "reset", recording_reset)
+    config = dataclasses.replace(config, eval_pictures=False)
     model = make_model(config, torch.device("cpu"))
     for crashes in (0, 1, 2):
         played.append(set())

@@ -20,11 +20,13 @@ from compared_runs import assert_same_run, logged_steps, table
 from conftest import needs_engine
 
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
+from fbrl.cli.train import main, parse
 from fbrl.cli.train_resume import parse_resume
+from fbrl.collect import RolloutCollector
 from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, PPOConfig, TrainConfig
 from fbrl.config_json import save_config
+from fbrl.training import TrainListener, train
 from fbrl.training.run_dir import RunDirLock
-from fbrl.training.trainer import TrainListener, train
 
 PPO = PPOConfig(total_frames=768, num_envs=2, num_steps=64, num_minibatches=2, num_epochs=2)
 CONFIG = TrainConfig(
@@ -72,7 +74,7 @@ def test_a_run_that_stops_anywhere_and_goes_on_equals_one_that_does_not(
     stops = 0
     resume = False
     # In the middle of batches and of evaluations, before the training and after it.
-    most = 100 if config.eval_episodes else 8
+    most, least = (100, 10) if config.eval_episodes else (16, 4)
     while True:
         stop_after(moments.randint(1, most))
         result = train(config, resume=resume)
@@ -81,7 +83,7 @@ def test_a_run_that_stops_anywhere_and_goes_on_equals_one_that_does_not(
         stops, resume = stops + 1, True
         most = 2 * most if stops % 6 == 0 else most
         stop_after(0)
-    assert stops >= 10
+    assert stops >= least
     assert_same_run(config.run_dir, whole_run.run_dir)
     assert logged_steps(config.run_dir) == logged_steps(whole_run.run_dir)
     assert all(len(set(steps)) == len(steps) for steps in logged_steps(config.run_dir).values())
@@ -149,6 +151,25 @@ def test_a_damaged_checkpoint_is_replaced_by_the_one_before_and_that_is_said(cop
     assert len(warned) == 1
     assert re.search(r"last\.pt is damaged.* taken instead, .*previous\.pt", warned[0])
     assert_same_run(copied.run_dir, finished.run_dir)
+
+
+def test_a_signal_just_after_a_batchs_last_step_does_not_part_matches_and_observation(
+    finished, tmp_path, monkeypatch
+):
+    collect, batches = RolloutCollector.collect, []
+
+    def collect_and_signal(self, *arguments, **options):
+        batches.append(collect(self, *arguments, **options))
+        if len(batches) == 2:
+            signal.raise_signal(signal.SIGTERM)
+        return batches[-1]
+
+    monkeypatch.setattr(RolloutCollector, "collect", collect_and_signal)
+    config = dataclasses.replace(finished, run_dir=tmp_path / "run")
+    result = train(config)
+    assert (result.interrupted, result.frames) == (True, 32)
+    train(config, resume=True)
+    assert_same_run(config.run_dir, finished.run_dir)
 
 
 def test_two_trainings_never_share_a_directory(copied):
@@ -326,15 +347,15 @@ def wait_for_rows(process, run_dir, number):
 
 
 @needs_engine
-def test_the_command_that_an_interrupted_run_prints_goes_on(tmp_path):
+def test_the_command_that_an_interrupted_run_prints_goes_on(tmp_path, run_main, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     run_dir = tmp_path / "run"
     process = start(*COMMAND, cwd=tmp_path)
     wait_for_rows(process, run_dir, 3)
     process.send_signal(signal.SIGSTOP)  # so that it's not at its end before the second begins
-    second = start("--resume", "run", cwd=tmp_path)
-    output, errors = second.communicate(timeout=60)
-    assert (second.returncode, output, errors.count("\n")) == (2, "", 1)
-    assert "The run directory run is in use: another process is training there" in errors
+    second = run_main(main, "--resume", "run", code=2)
+    assert (second.out, second.err.count("\n")) == ("", 1)
+    assert "The run directory run is in use: another process is training there" in second.err
     process.send_signal(signal.SIGTERM)
     process.send_signal(signal.SIGCONT)
     _, errors = process.communicate(timeout=60)
@@ -353,9 +374,8 @@ def test_the_command_that_an_interrupted_run_prints_goes_on(tmp_path):
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_again_and_again_ends_like_one_that_is_not(tmp_path):
-    (tmp_path / "whole").mkdir()
-    whole = start(*COMMAND, cwd=tmp_path / "whole")
-    assert whole.communicate(timeout=120)[1] == ""
+    whole = dataclasses.replace(parse(COMMAND), run_dir=tmp_path / "whole")
+    train(whole)
     run_dir = tmp_path / "run"
     moments = random.Random(1)
     process = start(*COMMAND, cwd=tmp_path)
@@ -370,5 +390,5 @@ def test_a_run_that_is_killed_again_and_again_ends_like_one_that_is_not(tmp_path
         process = start("--resume", "run", cwd=tmp_path)
     assert process.communicate(timeout=120)[1] == ""
     assert process.returncode == 0
-    assert_same_run(run_dir, tmp_path / "whole" / "run")
-    assert logged_steps(run_dir) == logged_steps(tmp_path / "whole" / "run")
+    assert_same_run(run_dir, whole.run_dir)
+    assert logged_steps(run_dir) == logged_steps(whole.run_dir)

@@ -10,7 +10,7 @@ from fbrl.checks.names import UnknownNameError
 from fbrl.config import PPOConfig, TrainConfig
 from fbrl.config_json import save_config
 from fbrl.presets import preset_config
-from fbrl.training.trainer import TrainListener, train
+from fbrl.training import TrainListener, train
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 TABLE = "frames,match/goal_difference,match/count\n"

@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 
 from fbrl.config import PPOConfig, TrainConfig
-from fbrl.training.trainer import TrainListener, train
+from fbrl.training import TrainListener, train
 
 REPOSITORY = Path(__file__).parent.parent
 SOURCES = sorted(

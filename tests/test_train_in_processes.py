@@ -7,9 +7,14 @@ import multiprocessing
 import os
 import random
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
-from compared_runs import assert_same_run
+from compared_runs import assert_same_run, table
+from conftest import needs_engine
 
 from fbrl.analysis.run_log import read_run_log
 from fbrl.checkpoint import load_checkpoint
@@ -17,7 +22,7 @@ from fbrl.cli.train import main, parse
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs import process_vector_env
 from fbrl.envs.process_vector_env import MatchWorkersError
-from fbrl.training.trainer import TrainListener, train
+from fbrl.training import TrainListener, train, trainer
 
 CONFIG = TrainConfig(
     "academy_3_vs_1_with_keeper",
@@ -77,6 +82,59 @@ def test_a_training_whose_workers_die_too_often_is_saved(tmp_path, monkeypatch):
     saved = load_checkpoint(config.run_dir)["frames"]
     assert saved == 256
     assert train(config, resume=True).frames == 512
+
+
+@needs_engine
+def test_a_signal_to_the_whole_group_saves_and_ends_the_training(tmp_path):
+    program = Path(sys.executable).with_name("fbrl-train")
+    options = ["--collector", "processes", "--num-envs", "2", "--num-steps", "16"]
+    # Nearly all the time is that of updates, after which the workers are asked for their states.
+    options += ["--num-epochs", "100", "--num-minibatches", "8"]
+    options += ["--hidden-sizes", "16", "--device", "cpu", "--run-dir", "run"]
+    process = subprocess.Popen(
+        [program, "academy_3_vs_1_with_keeper", *options],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    give_up = time.monotonic() + 120
+    while not table(tmp_path / "run", "metrics.csv") and time.monotonic() < give_up:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGUSR1)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert errors.startswith("fbrl-train: saved and ended with exit code 130. Go on with: ")
+    assert "lost" not in output
+    checkpoint = load_checkpoint(tmp_path / "run")
+    assert checkpoint["frames"] == int(table(tmp_path / "run", "metrics.csv")[-1]["frames"])
+    assert len(checkpoint["matches"]) == 2
+
+
+def test_a_checkpoint_has_no_matches_that_what_was_seen_does_not_fit(tmp_path, monkeypatch):
+    learn = trainer.PPO.learn
+
+    def learn_and_lose_a_worker(ppo, batch):
+        losses = learn(ppo, batch)
+        if ppo.frames == 256:
+            kill_a_worker()
+            signal.raise_signal(signal.SIGTERM)
+        return losses
+
+    monkeypatch.setattr(trainer.PPO, "learn", learn_and_lose_a_worker)
+    config = dataclasses.replace(CONFIG, run_dir=tmp_path / "run")
+    warnings = []
+    listener = TrainListener(on_warning=warnings.append)
+    assert train(config, listener).interrupted
+    assert len(warnings) == 1
+    checkpoint = load_checkpoint(config.run_dir)
+    assert checkpoint["frames"] == 256
+    assert (checkpoint["matches"], checkpoint["next_step"]) == ([], {})
+    monkeypatch.undo()
+    assert train(config, listener, resume=True).frames == 512
+    assert len(warnings) == 2
+    assert "of which one was just lost, are in no checkpoint: new ones begin" in warnings[1]
 
 
 def test_the_command_takes_the_options(capsys):

@@ -23,8 +23,8 @@ from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.run_files import CHECKPOINT_NAME
-from fbrl.training import run_checkpoints, trainer, training_matches
-from fbrl.training.trainer import TrainListener, evaluation_is_due, train
+from fbrl.training import TrainListener, run_checkpoints, train, trainer, training_matches
+from fbrl.training.training_loop import evaluation_is_due
 
 SPEED = ("time/frames_per_second", "time/collect_seconds", "time/update_seconds")
 SMALL = PPOConfig(total_frames=256, num_envs=2, num_steps=32, num_minibatches=2, num_epochs=1)

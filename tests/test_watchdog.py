@@ -8,6 +8,8 @@ import sys
 import threading
 import time
 
+import pytest
+
 from fbrl.collect.watchdog import Watchdog
 from fbrl.envs.match_threads import MatchThreads, calls_in_hand
 
@@ -48,10 +50,9 @@ def test_it_can_be_turned_off():
 def test_a_call_that_fails_is_no_longer_in_hand():
     team = MatchThreads(2)
     failing = [lambda: 1 / 0] * 3
-    try:
+    with pytest.raises(ZeroDivisionError):
         team.map(lambda function: function(), failing)
-    except ZeroDivisionError:
-        assert calls_in_hand() == []
+    assert calls_in_hand() == []
     team.close()
 
 

@@ -25,9 +25,10 @@ from fbrl.cli.train_options import parse_options
 from fbrl.cli.train_resume import asks_to_resume, parse_resume
 from fbrl.config import PRESET_NAMES, ConfigError, TrainConfig
 from fbrl.presets import preset_config
+from fbrl.run_files import CHECKPOINT_NAME
 
 if TYPE_CHECKING:
-    from fbrl.training.trainer import TrainResult
+    from fbrl.training import TrainResult
 
 PROGRAM = "fbrl-train"
 
@@ -72,9 +73,9 @@ def _main(config: TrainConfig, resume: bool) -> None:
     from fbrl.envs import EngineNotInstalledError
     from fbrl.envs.process_vector_env import MatchWorkersError
     from fbrl.ppo.update import TrainingDivergedError
+    from fbrl.training import TrainListener, train
     from fbrl.training.run_checkpoints import TrainingNotSavedError
     from fbrl.training.run_dir import RunDirReplacedError
-    from fbrl.training.trainer import TrainListener, train
 
     with lasting_output() as output:
         # A run's directory may have brackets in its name, which are no markup.
@@ -152,5 +153,7 @@ def report_hang(display: TrainDisplay, line: str) -> None:
 
 
 def going_on(run_dir: Path | None) -> str:
-    """The sentence that says how to go on with a training."""
-    return f"Go on with: {resume_command(run_dir)}" if run_dir else ""
+    """The sentence that says how to go on with a training, if there is anything to go on from."""
+    if run_dir is None or not (run_dir / CHECKPOINT_NAME).exists():
+        return ""
+    return f"Go on with: {resume_command(run_dir)}"

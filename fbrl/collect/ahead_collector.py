@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from tensordict import TensorDictBase
 
@@ -60,6 +60,11 @@ class AheadCollector:
             before_next()
             self._begin()
         return batch
+
+    def wait(self) -> None:
+        """Waits until the batch in flight is there; the next one begins with :meth:`collect`."""
+        if self._in_flight is not None:
+            wait([self._in_flight])
 
     def close(self) -> None:
         """Waits until no match is being played any more."""

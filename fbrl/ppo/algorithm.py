@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -72,7 +71,9 @@ class PPO:
         if isinstance(env, BatchCollector):
             self._collector = env
         elif collect_ahead:
-            own = RolloutCollector(env, copy.deepcopy(policy), config.num_steps, bookkeeping)
+            own = RolloutCollector(
+                env, model.copy_collection_policy(), config.num_steps, bookkeeping
+            )
             self._collector = AheadCollector(own, policy)
         else:
             self._collector = RolloutCollector(env, policy, config.num_steps, bookkeeping)
@@ -132,6 +133,11 @@ class PPO:
         with torch_threads(self._inference_threads):
             return self._collector.collect()
 
+    def wait(self) -> None:
+        """Waits until no match is being played; :meth:`collect` goes on from there."""
+        if isinstance(self._collector, AheadCollector):
+            self._collector.wait()
+
     def close(self) -> None:
         """Waits for a batch that is collected ahead; only then may the environment be closed."""
         if isinstance(self._collector, AheadCollector):
@@ -165,25 +171,36 @@ class PPO:
         losses = {name: float(value) for name, value in means.cpu().items()}
         return {**losses, "learning_rate": learning_rate}
 
-    def state_dict(self) -> dict[str, Any]:
-        """What has been learned and what the next batch begins with, as a checkpoint takes it.
+    @property
+    def next_step(self) -> dict[str, Any]:
+        """What the next batch begins with, as a checkpoint takes it.
 
-        The environment and the random numbers are not in it.
+        It belongs to the environment's state at the same moment, which is not in it.
 
         Raises:
             RuntimeError: There is no next batch yet: call :meth:`start`.
         """
         if self._collector.state is None:
-            raise RuntimeError("The matches have not begun: call start() before state_dict().")
+            raise RuntimeError("The matches have not begun: call start() before next_step.")
+        return self._collector.state.to_dict()
+
+    def state_dict(self) -> dict[str, Any]:
+        """What has been learned, as a checkpoint takes it.
+
+        The environment, the next step and the random numbers are not in it.
+        """
         return {
             "frames": self.frames,
             "model": self.model.state_dict(),
             "optimizer": self.optimizer.state_dict(),
-            "next_step": self._collector.state.to_dict(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Goes on from a state; the environment has to be put back to the same moment."""
+        """Goes on from a state; the environment has to be put back to that of the next step.
+
+        Args:
+            state: What :meth:`state_dict` returned, with :attr:`next_step` under its name.
+        """
         self.frames = state["frames"]
         self.model.load_state_dict(state["model"])
         self.optimizer.load_state_dict(state["optimizer"])

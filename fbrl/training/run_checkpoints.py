@@ -175,7 +175,7 @@ class RunCheckpoints:
 
     def _write(self, name: str, keep_as: str | None = None) -> None:
         previous = None if keep_as is None else self.run_dir / keep_as
-        with self._interrupt.saving():
+        with self._state.lock, self._interrupt.saving():
             save_checkpoint(self.run_dir / name, keep_as=previous, **self._state.state_dict())
 
     def _write_or_warn(self, name: str) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO
@@ -11,12 +12,18 @@ from typing import BinaryIO
 from fbrl.config import ConfigError, TrainConfig
 from fbrl.run_files import LOCK_NAME
 
+_BEFORE_THE_FIRST_CHECKPOINT = re.compile(
+    r"\.lock|crash\.txt|events\.out\.tfevents\..*|checkpoints"
+    r"|(config\.json|density\.npz)(\.partial)?|checkpoints/last\.pt\.partial"
+)
+"""What a training writes before there is anything to go on from."""
+
 
 def make_run_dir(config: TrainConfig) -> Path:
-    """Makes the directory of a run.
+    """Makes the directory of a run, or takes one in which a training failed as it began.
 
     Raises:
-        ConfigError: It has something in it already, or can't be made.
+        ConfigError: It has something else in it already, or can't be made.
     """
     run_dir = config.run_dir
     if run_dir is None:
@@ -25,12 +32,34 @@ def make_run_dir(config: TrainConfig) -> Path:
         run_dir = Path("runs") / config.scenario / name
     try:
         run_dir.mkdir(parents=True, exist_ok=True)
-        occupied = any(run_dir.iterdir())
+        _false_start(run_dir)
     except OSError as error:
         raise ConfigError(f"The run directory {run_dir} can't be made: {error}.") from error
-    if occupied:
-        raise ConfigError(f"The run directory {run_dir} is not empty: choose a new one.")
     return run_dir
+
+
+def remove_false_start(run_dir: Path) -> None:
+    """Removes what a training left that failed before its first checkpoint.
+
+    Args:
+        run_dir: The run's directory, locked by this process.
+
+    Raises:
+        ConfigError: It has something else in it.
+        OSError: It can't be removed.
+    """
+    for path in _false_start(run_dir):
+        if path.is_file() and path.name != LOCK_NAME:
+            path.unlink()
+
+
+def _false_start(run_dir: Path) -> list[Path]:
+    """All that is in a directory, if it is nothing that anybody needs."""
+    paths = [*run_dir.iterdir(), *run_dir.glob("checkpoints/*")]
+    for path in paths:
+        if not _BEFORE_THE_FIRST_CHECKPOINT.fullmatch(path.relative_to(run_dir).as_posix()):
+            raise ConfigError(f"The run directory {run_dir} is not empty: choose a new one.")
+    return paths
 
 
 def existing_run_dir(config: TrainConfig) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,8 +14,7 @@ from fbrl.checkpoint import CheckpointError
 from fbrl.collect.collector import BatchCollector
 from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, TrainConfig
 from fbrl.config_json import config_from_dict, config_to_dict
-from fbrl.envs.process_vector_env import FootballProcessVectorEnv
-from fbrl.envs.vector_env import FootballVectorEnv
+from fbrl.envs.vector_env import MatchesVectorEnv
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
@@ -40,19 +40,21 @@ class TrainingState:
         crashes: How often the training has gone on after a crash.
         evaluated_at: Frames learned from at the last evaluation that was finished; None before.
         best_goal_difference: The highest mean of an evaluation so far; None before the first.
+        lock: Held while the state is not that of one moment, and while it is saved.
     """
 
     def __init__(
         self, config: TrainConfig, ppo: PPO, env: EnvBase | BatchCollector, monitor: Monitor
     ) -> None:
+        self.lock = threading.RLock()
         self.crashes = 0
         self.evaluated_at: int | None = None
         self.best_goal_difference: float | None = None
         self._config = config
         self.ppo = ppo
         self._env = env
-        self._matches: FootballVectorEnv | FootballProcessVectorEnv | None = (
-            env.base_env._env if isinstance(env, EnvBase) else None
+        self._matches: MatchesVectorEnv | None = (
+            env.base_env.matches if isinstance(env, EnvBase) else None
         )
         self.monitor = monitor
         self._batch_start: dict[str, Any] = {}
@@ -61,8 +63,13 @@ class TrainingState:
         """Remembers the matches and the random numbers, which the next batch begins with."""
         self.ppo.start()
         on_gpu = self.ppo.device.type == "cuda"
+        next_step = self.ppo.next_step
         matches = self._matches.get_state() if self._matches is not None else []
+        if self._matches is not None and self._matches.has_lost_matches:
+            # What was last seen of the lost ones is no state of those that play in their place.
+            next_step, matches = {}, []
         self._batch_start = {
+            "next_step": next_step,
             "matches": [_with_engine(match, _to_tensor) for match in matches],
             "random_numbers": {
                 "cpu": torch.get_rng_state(),
@@ -173,7 +180,10 @@ _KINDS: dict[str, Any] = {
 
 
 def has_matches(state: Mapping[str, Any]) -> bool:
-    """Whether a checkpoint has any trace of its matches, as those of Ray's workers have not."""
+    """Whether a checkpoint has any trace of its matches.
+
+    Those of Ray's workers have none, nor those of which a worker had just been lost.
+    """
     return bool(state["matches"] or state["next_step"])
 
 
