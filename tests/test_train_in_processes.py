@@ -102,6 +102,7 @@ def test_a_signal_to_the_whole_group_saves_and_ends_the_training(tmp_path):
     give_up = time.monotonic() + 120
     while not table(tmp_path / "run", "metrics.csv") and time.monotonic() < give_up:
         time.sleep(0.05)
+    time.sleep(0.3)  # into the second update
     os.killpg(process.pid, signal.SIGUSR1)
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
