@@ -11,7 +11,7 @@ import nox
 nox.options.error_on_missing_interpreters = False
 
 TORCH = os.environ.get("TORCH", "torch==2.13.0").split()
-EXTRAS = "football,density,analysis,test,release"
+EXTRAS = "football,density,analysis,ray,test,release"
 
 # Tests call pip, which environments that uv makes do not have.
 nox.options.default_venv_backend = "virtualenv"

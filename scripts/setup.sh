@@ -134,7 +134,7 @@ if [[ $(cat "$VENV/.engine" 2>/dev/null) != "$engine" ]]; then
     "${pip[@]}" install --no-deps --force-reinstall "$ENGINE_WHEEL"
 fi
 
-run_logged "fbrl and its dependencies" "$LOG_DIR/fbrl.log" "${pip[@]}" install -e ".[football,density,analysis,test,lint,docs,release]"
+run_logged "fbrl and its dependencies" "$LOG_DIR/fbrl.log" "${pip[@]}" install -e ".[football,density,analysis,ray,test,lint,docs,release]"
 
 if ! message=$("$VENV/bin/python" -c 'import gfootball_engine' 2>&1); then
   die "the engine does not load: $(tail -n 1 <<<"$message")" \

@@ -9,25 +9,21 @@ import sys
 
 import psutil
 import pytest
+import ray
 import torch
+from ray.cluster_utils import Cluster
 
 from fbrl.agent import make_model, make_training_reward
 from fbrl.analysis.run_log import read_run_log
 from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train import main, parse
-from fbrl.collect import make_collection_env
+from fbrl.collect import make_collection_env, ray_collector
 from fbrl.collect.ray_cluster import connected_to_ray, even_share
+from fbrl.collect.ray_collector import RayMatchCollector
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.ppo.algorithm import PPO
 from fbrl.training.trainer import TrainListener, train
-
-ray = pytest.importorskip("ray")
-
-from ray.cluster_utils import Cluster  # noqa: E402
-
-from fbrl.collect import ray_collector  # noqa: E402
-from fbrl.collect.ray_collector import RayMatchCollector  # noqa: E402
 
 CONFIG = TrainConfig(
     "academy_3_vs_1_with_keeper",

@@ -13,8 +13,6 @@ from pathlib import Path
 import pytest
 from conftest import REPOSITORY
 
-pytest.importorskip("ray")
-
 SCRIPT = REPOSITORY / "experiments" / "sweep" / "run.py"
 GRID = """
 scenario: academy_empty_goal
