@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import os
 import signal
 import sys
+import time
 
+import numpy as np
 import psutil
 import pytest
 import ray
 import torch
+from conftest import REPOSITORY
 from ray.cluster_utils import Cluster
 
 from fbrl.agent import make_model, make_training_reward
 from fbrl.analysis.run_log import read_run_log
 from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train import main, parse
+from fbrl.cli.train_resume import parse_resume
 from fbrl.collect import make_collection_env, ray_collector
 from fbrl.collect.ray_cluster import connected_to_ray, even_share
 from fbrl.collect.ray_collector import RayMatchCollector
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
+from fbrl.envs.engine import Match
 from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.ppo.algorithm import PPO
 from fbrl.training.trainer import TrainListener, train
@@ -31,6 +37,7 @@ CONFIG = TrainConfig(
     device="cpu",
     collector="ray",
     num_workers=2,
+    hang_timeout=4,
     checkpoint_interval=128,
     eval_episodes=0,
     ppo=PPOConfig(total_frames=512, num_envs=4, num_steps=32, num_minibatches=2, num_epochs=2),
@@ -39,9 +46,14 @@ CONFIG = TrainConfig(
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Three nodes of one CPU each, beside one that only keeps the books."""
+    """Three nodes of one CPU each, beside one that only keeps the books.
+
+    A node that does not answer is given up after seconds instead of a minute.
+    """
+    health = {"health_check_period_ms": 500, "health_check_timeout_ms": 1000}
     cluster = Cluster(
-        head_node_args={"num_cpus": 0, "include_dashboard": False}, initialize_head=True
+        head_node_args={"num_cpus": 0, "include_dashboard": False, "_system_config": health},
+        initialize_head=True,
     )
     for _ in range(3):
         cluster.add_node(num_cpus=1, wait=False)
@@ -62,6 +74,7 @@ def workers(cluster):
         model.get_collection_policy(),
         make_training_reward(CONFIG),
         seed=1,
+        timeout=4,
         on_restart=warnings.append,
     )
     yield collector, model, warnings
@@ -76,11 +89,16 @@ def place_of(collector, number):
     return ray.get(where)
 
 
-def matches_of_threads():
+def matches_of_threads(num_envs, model, seed):
     env, bookkeeping = make_collection_env(
-        CONFIG.scenario, num_envs=4, reward=make_training_reward(CONFIG), num_threads=1, seed=1
+        CONFIG.scenario,
+        num_envs=num_envs,
+        reward=make_training_reward(CONFIG),
+        num_threads=1,
+        seed=seed,
     )
-    ppo = PPO(env, make_model(CONFIG, torch.device("cpu")), CONFIG.ppo, bookkeeping)
+    ppo = PPO(env, model, CONFIG.ppo, bookkeeping)
+    torch.manual_seed(seed)
     batch = ppo.collect().clone()
     env.close()
     return batch
@@ -90,18 +108,21 @@ def shapes(batch):
     return {key: (entry.shape, entry.dtype) for key, entry in batch.items(True, True)}
 
 
-def test_batches_are_like_those_of_threads(workers):
-    collector, *_ = workers
-    first = collector.collect()
-    expected = matches_of_threads()
-    assert first.batch_size == expected.batch_size
-    # But for what transforms remember from step to step, which nothing reads afterwards.
-    assert shapes(first.exclude(("next", "play_memory"))) == shapes(
-        expected.exclude("last_ball_carrier")
-    )
+def test_a_worker_plays_what_threads_play_with_its_seed(workers):
+    collector, model, _ = workers
+    collector.set_seed(5)
+    batch = collector.collect()
+    assert batch.batch_size == (4, 32)
     assert place_of(collector, 0)[1] != place_of(collector, 1)[1]
-    # Each worker has matches and random numbers of its own.
-    assert not torch.equal(first["action"][:2], first["action"][2:])
+    random = np.random.default_rng(5)
+    for part in batch.split(2):
+        expected = matches_of_threads(2, model, seed=int(random.integers(2**31)))
+        # But for what transforms remember from step to step, which nothing reads afterwards.
+        part = part.exclude(("next", "play_memory"))
+        expected = expected.exclude("last_ball_carrier")
+        assert shapes(part) == shapes(expected)
+        assert (part == expected).all()
+    assert not torch.equal(batch["action"][:2], batch["action"][2:])
 
 
 def test_the_same_seed_has_the_same_batches(workers):
@@ -116,64 +137,89 @@ def test_the_same_seed_has_the_same_batches(workers):
 
 
 @pytest.mark.slow
-def test_batches_outlive_a_worker_that_is_killed_and_a_node_that_is_lost(workers, cluster):
+def test_batches_outlive_an_engine_that_hangs_and_a_node_that_vanishes(workers, cluster):
     collector, model, warnings = workers
     with torch.no_grad():
         model.get_collection_policy().policy_head.bias[7] = 1e6
     assert (collector.collect()["action"] == 7).all()
-    os.kill(place_of(collector, 0)[0], signal.SIGKILL)
+    places = list(collector._places)
+
+    def hang_in_the_next_step(worker):
+        Match.step = lambda *_: time.sleep(600)
+
+    ray.get(collector._workers[0].__ray_call__.remote(hang_in_the_next_step))
+    process, node = place_of(collector, 1)
+    raylet = psutil.Process(process).parent()
+    vanished = [raylet, *raylet.children(recursive=True)]
+    for one in vanished:
+        one.suspend()
     batch = collector.collect()
     assert batch.batch_size == (4, 32)
-    # The successor began with weights of its own, but did not play with them.
+    # The successors began with weights of their own, but did not play with them.
     assert (batch["action"] == 7).all()
-    assert len(warnings) == 1
-    assert "Ray worker 0, which plays 2 matches" in warnings[0]
-    assert "9 times more at most" in warnings[0]
-    node = place_of(collector, 1)[1]
-    cluster.remove_node(next(n for n in cluster.worker_nodes if n.node_id == node))
-    assert (collector.collect()["action"] == 7).all()
     assert len(warnings) == 2
+    assert f"Ray worker 0 ({places[0]}), which plays 2 matches" in warnings[0]
+    assert "hangs in the engine: match " in warnings[0]
+    assert "took more than 4 s; 2 matches have been lost so far" in warnings[0]
+    assert "9 times more at most" in warnings[0]
+    assert f"Ray worker 1 ({places[1]})" in warnings[1]
     assert collector.lost_matches == 4
     assert place_of(collector, 1)[1] != node
+    for one in vanished:
+        one.kill()
+    cluster.remove_node(next(n for n in cluster.worker_nodes if n.node_id == node), False)
     cluster.add_node(num_cpus=1)
 
 
-def kill_a_worker():
-    """As the kernel does it when memory runs out."""
+def newest_worker(cluster):
     workers = [
         process
-        for process in psutil.process_iter(["cmdline"])
-        if process.info["cmdline"] and process.info["cmdline"][0].startswith("ray::MatchCollector")
+        for node in cluster.worker_nodes
+        for process in psutil.Process(node.all_processes["raylet"][0].process.pid).children()
+        if process.cmdline() and process.cmdline()[0].startswith("ray::MatchCollector")
     ]
-    max(workers, key=psutil.Process.create_time).kill()
+    return max(workers, key=psutil.Process.create_time)
 
 
 @pytest.mark.slow
-def test_a_training_outlives_killed_workers_until_there_are_too_many_and_goes_on_from_there(
+def test_a_training_outlives_lost_workers_until_there_are_too_many_and_goes_on_from_there(
     tmp_path, cluster, monkeypatch
 ):
     monkeypatch.setattr(ray_collector, "MAX_RESTARTS", 1)
-    config = dataclasses.replace(CONFIG, num_workers=1, run_dir=tmp_path / "run")
-    warnings = []
-    listener = TrainListener(on_metrics=lambda *_: kill_a_worker(), on_warning=warnings.append)
-    with pytest.raises(MatchWorkersError, match="8 matches have been lost so far"):
-        train(config, listener)
-    assert len(warnings) == 1
-    assert "4 matches have been lost so far. It is replaced, 0 times more" in warnings[0]
-    before = load_checkpoint(config.run_dir)
-    assert before["frames"] == 256
+    losses, warnings = [], []
+
+    def lose_a_worker(*_):
+        losses.append(newest_worker(cluster))
+        # First it is only stopped; the kernel kills one when memory runs out.
+        losses[-1].send_signal(signal.SIGKILL if losses[1:] else signal.SIGSTOP)
+
+    def go_on(line, listener):
+        return train(parse_resume("fbrl-train", ["--resume", *line]), listener, resume=True).frames
+
+    run_dir = str(tmp_path / "run")
+    ppo = dataclasses.replace(CONFIG.ppo, total_frames=128)
+    config = dataclasses.replace(CONFIG, collector="threads", num_workers=None, ppo=ppo)
+    train(dataclasses.replace(config, run_dir=tmp_path / "run"))
+    listener = TrainListener(on_metrics=lose_a_worker, on_warning=warnings.append)
+    on_ray = [run_dir, "--total-frames", "512", "--collector", "ray", "--num-workers", "1"]
+    too_often = r"was lost \(Actor.* 8 matches have been lost so far. That was too often."
+    with pytest.raises(MatchWorkersError, match=too_often):
+        go_on(on_ray, listener)
+    assert len(warnings) == 2
+    assert "new ones begin" in warnings[0]
+    assert f"(process {losses[0].pid} on node " in warnings[1]
+    assert "has not answered for 4 s; 4 matches have been lost so far." in warnings[1]
+    assert "It is replaced, 0 times more" in warnings[1]
+    assert not losses[0].is_running()
+    before = load_checkpoint(tmp_path / "run")
+    assert before["frames"] == 384
     assert before["matches"] == []
 
-    longer = dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, total_frames=384))
     listener = TrainListener(on_warning=warnings.append)
-    assert train(longer, listener, resume=True).frames == 384
-    assert len(warnings) == 2
-    assert "new ones begin" in warnings[1]
-    in_threads = dataclasses.replace(config, collector="threads", num_workers=None)
-    assert train(in_threads, listener, resume=True).frames == 512
-    assert len(warnings) == 3
-    assert list(read_run_log(config.run_dir).frames) == [128, 256, 384, 512]
-    assert len(load_checkpoint(config.run_dir)["matches"]) == 4
+    assert go_on([run_dir, "--collector", "threads"], listener) == 512
+    assert "new ones begin" in warnings[2]
+    assert list(read_run_log(tmp_path / "run").frames) == [128, 256, 384, 512]
+    assert len(load_checkpoint(tmp_path / "run")["matches"]) == 4
 
 
 def test_a_cluster_that_is_too_small_is_refused_and_leaves_nothing_behind(tmp_path, cluster):
@@ -181,6 +227,16 @@ def test_a_cluster_that_is_too_small_is_refused_and_leaves_nothing_behind(tmp_pa
     with pytest.raises(ConfigError, match="1, 1, 1 CPUs: no room for 4 workers with 1 each"):
         train(config)
     assert not config.run_dir.exists()
+
+
+def test_a_sweep_whose_trainings_fit_on_no_node_is_refused(cluster, monkeypatch):
+    monkeypatch.syspath_prepend(REPOSITORY / "experiments" / "sweep")
+    sweep = importlib.import_module("run")
+    sweep.check_room(1, 0.0)
+    with pytest.raises(ConfigError, match=r"No node .* has room for a training with 2 CPUs and 0"):
+        sweep.check_room(2, 0.0)
+    for name in ("run", "grid"):
+        del sys.modules[name]
 
 
 def test_workers_divide_the_matches(capsys):
@@ -204,23 +260,3 @@ def test_a_cluster_that_does_not_answer_is_named(run_program, monkeypatch):
     assert ended.returncode == 2
     assert ended.stderr.count("\n") == 1
     assert "The Ray cluster at RAY_ADDRESS=nowhere:1 can't be reached" in ended.stderr
-
-
-def test_a_cluster_of_this_machine_alone_listens_to_it_alone(run_program, monkeypatch, tmp_path):
-    monkeypatch.setenv("RAY_ADDRESS", "local")
-    script = tmp_path / "listening.py"
-    script.write_text(
-        "import psutil, ray\n"
-        "from fbrl.collect.ray_cluster import connected_to_ray\n"
-        "with connected_to_ray(num_cpus=1):\n"
-        "    ray.get(ray.remote(lambda: 1).remote())\n"
-        "    for process in [psutil.Process(), *psutil.Process().children(recursive=True)]:\n"
-        "        for one in process.net_connections('inet'):\n"
-        "            if one.status == 'LISTEN':\n"
-        "                print(one.laddr.ip)\n"
-    )
-    ended = run_program("python", script)
-    assert ended.returncode == 0, ended.stderr
-    addresses = set(ended.stdout.split())
-    assert addresses
-    assert addresses <= {"127.0.0.1", "::ffff:127.0.0.1", "::1"}

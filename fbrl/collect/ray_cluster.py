@@ -5,12 +5,22 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import threading
 from collections.abc import Iterator
+from concurrent.futures import Future, TimeoutError
 from typing import Any
 
 from fbrl.config import ConfigError, TrainConfig
+from fbrl.envs.process_vector_env import MatchWorkersError
 
 ADDRESS_VARIABLE = "RAY_ADDRESS"
+HEAD_TIMEOUT = 20
+"""Seconds without an answer after which the head of the cluster counts as lost. After 60, Ray ends
+the process."""
+
+
+class RayHeadLostError(MatchWorkersError):
+    """Raised when the head of the cluster does not answer: without it there are no workers."""
 
 
 @contextlib.contextmanager
@@ -42,8 +52,41 @@ def connected_to_ray(num_cpus: int | None = None) -> Iterator[None]:
     _connect(num_cpus)
     try:
         yield
-    finally:
+    except RayHeadLostError:
+        # Whom it would take leave of is not there.
+        raise
+    except BaseException:
         ray.shutdown()
+        raise
+    ray.shutdown()
+
+
+def check_head() -> None:
+    """Asks the head of the cluster for a sign of life.
+
+    Raises:
+        RayHeadLostError: There was none for :data:`HEAD_TIMEOUT` seconds.
+    """
+    import ray
+
+    address = ray.get_runtime_context().gcs_address
+    answer: Future[list[dict[str, Any]]] = Future()
+
+    def ask() -> None:
+        with contextlib.suppress(Exception):
+            answer.set_result(ray.nodes())
+
+    # Ray itself would wait without end.
+    threading.Thread(target=ask, daemon=True).start()
+    # Counted, not measured: a process that stands still does not wait.
+    for _ in range(HEAD_TIMEOUT):
+        with contextlib.suppress(TimeoutError):
+            answer.result(1)
+            return
+    raise RayHeadLostError(
+        f"The head of the Ray cluster at {address} has not answered for {HEAD_TIMEOUT} s, and "
+        "without it there is no cluster: start it again with ray start."
+    )
 
 
 def _connect(num_cpus: int | None) -> None:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import concurrent.futures
-import os
-import sys
+import contextlib
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
@@ -16,18 +15,15 @@ import torch
 from ray.exceptions import ObjectLostError, RayActorError
 from ray.util.placement_group import placement_group, remove_placement_group
 from ray.util.scheduling_strategies import PlacementGroupSchedulingStrategy
-from tensordict import NestedKey, TensorDict, TensorDictBase
-from torchrl.collectors import Collector
+from tensordict import TensorDict, TensorDictBase
 from torchrl.collectors.distributed import RayCollector
-from torchrl.envs import EnvBase, ExplorationType
+from torchrl.envs import ExplorationType
 
-from fbrl.agent import make_model
-from fbrl.collect.collector import BatchCollector, inference_threads
+from fbrl.collect.collector import BatchCollector
 from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
-from fbrl.collect.ray_cluster import workers_and_cpus
-from fbrl.collect.watchdog import Watchdog
+from fbrl.collect.ray_cluster import RayHeadLostError, check_head, workers_and_cpus
+from fbrl.collect.ray_worker import CONCURRENCY_GROUPS, MakeMatches, MakePolicy, MatchCollector
 from fbrl.config import ConfigError, TrainConfig
-from fbrl.envs.factory import make_env
 from fbrl.envs.process_vector_env import MAX_RESTARTS, MatchWorkersError
 from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.transforms import ScoringReward
@@ -36,91 +32,37 @@ START_TIMEOUT = 120
 """Seconds after which a worker that finds no place in the cluster, or does not start, is an error.
 """
 
+SECONDS_BETWEEN_QUESTIONS = 1
+"""To a worker that plays, whether it still does."""
 
-class MatchCollector(Collector):
-    """A worker: TorchRL's collector, which takes the weights with the order for a batch.
-
-    Args:
-        create_env_fn: Makes the worker's matches.
-        hang_timeout: Seconds that one step of a match may take before the worker ends itself, to
-            be replaced; 0 for any time.
-        drop: Keys of a batch that nothing needs.
-        **settings: As for TorchRL's.
-    """
-
-    def __init__(
-        self,
-        create_env_fn: Callable[[], EnvBase],
-        *,
-        hang_timeout: float,
-        drop: Sequence[NestedKey],
-        **settings: Any,
-    ) -> None:
-        super().__init__(create_env_fn, **settings)
-        self._drop = drop
-        torch.set_num_threads(inference_threads(self.policy))
-        Watchdog(hang_timeout, _end_worker).__enter__()
-
-    def play(self, weights: TensorDictBase, seed: int | None) -> TensorDictBase:
-        """Plays a batch; one call, so that a worker never plays with the weights it began with.
-
-        Args:
-            weights: Those of the policy.
-            seed: Begin new matches and random numbers with it; None to play on.
-
-        Returns:
-            Shape (matches, num_steps).
-        """
-        self.update_policy_weights_(weights)
-        if seed is not None:
-            torch.manual_seed(seed)
-            self.set_seed(seed)
-            self.reset()
-        return self.next().exclude(*self._drop)
+LOGS = "What it printed is on its node, in /tmp/ray/session_latest/logs."
 
 
-def _end_worker(matches: Sequence[str]) -> None:
-    print(f"The engine hangs: {', '.join(matches)}.", file=sys.stderr, flush=True)
-    os._exit(1)
+class _WorkerLostError(Exception):
+    """A worker has died or hangs; says which of them."""
 
 
-@dataclass(frozen=True)
-class _MakeMatches:
-    """Makes a worker's matches where the worker is."""
+class _StartedCollector(RayCollector):
+    """TorchRL's, which would wait for a worker's start for ever."""
 
-    config: TrainConfig
-    num_envs: int
-    num_threads: int
-    # Ray begins a worker anew with its arguments, but keeps only small ones for that.
-    reward: ray.ObjectRef
-
-    def __call__(self) -> EnvBase:
-        return make_env(
-            self.config.scenario,
-            num_envs=self.num_envs,
-            num_threads=self.num_threads,
-            reward=ray.get(self.reward),
-            observation=self.config.observation,
-        )
-
-
-@dataclass(frozen=True)
-class _MakePolicy:
-    """Makes a worker's policy, whose weights come with each order for a batch."""
-
-    config: TrainConfig
-
-    def __call__(self) -> CollectionPolicy:
-        return make_model(self.config, torch.device("cpu")).get_collection_policy()
+    def add_collectors(self, *args: Any, **kwargs: Any) -> None:
+        super().add_collectors(*args, **kwargs)
+        started = [worker.__ray_ready__.remote() for worker in self.remote_collectors]
+        _, missing = ray.wait(started, num_returns=len(started), timeout=START_TIMEOUT)
+        if missing:
+            raise ConfigError(
+                f"Ray worker {started.index(missing[0])} has not started within {START_TIMEOUT} s. "
+                "Look at the nodes with: ray status"
+            )
 
 
 class RayMatchCollector(BatchCollector):
     """Collects batches from workers on the nodes of the cluster that Ray is connected to.
 
     All begin a batch with the same weights, and the batch is whole when the last one is done. A
-    worker that dies, alone or with its node, is begun anew by Ray, on another node if need be; its
-    part of the batch is played again, in new matches. Workers and matches are seeded, so that the
-    same training with as many workers has the same batches as long as none dies.
+    worker that dies or hangs, alone or with its node, is begun anew by Ray, on another node if need
+    be; its part of the batch is played again, in new matches. Workers and matches are seeded, so
+    that the same training with as many workers has the same batches as long as none dies.
 
     TorchRL's ``RayCollector`` makes and ends the workers, but does not play the batches: its
     iterator ends with the first worker that dies, and the process group that it sends the weights
@@ -132,6 +74,8 @@ class RayMatchCollector(BatchCollector):
         policy: Its weights are sent before each batch; it may be on any device.
         reward: Computed by the workers.
         seed: Seeds the matches and the choice of actions.
+        timeout: Seconds after which a worker that does not answer is replaced; 0 for never. A
+            worker answers while it plays, however long a batch takes.
         on_restart: Called with one line about each worker that is replaced.
         max_restarts: How often that may happen, to all workers together; by default as often as
             with processes.
@@ -150,6 +94,7 @@ class RayMatchCollector(BatchCollector):
         reward: ScoringReward,
         *,
         seed: int,
+        timeout: float = 20,
         on_restart: Callable[[str], None] = lambda line: None,
         max_restarts: int | None = None,
     ) -> None:
@@ -157,10 +102,13 @@ class RayMatchCollector(BatchCollector):
         self._policy = policy
         self._scenario = config.scenario
         self._num_envs = config.ppo.num_envs
+        self._hang_timeout = config.hang_timeout
+        self._timeout = timeout
         self._on_restart = on_restart
         self._restarts_left = MAX_RESTARTS if max_restarts is None else max_restarts
         self.lost_matches = 0
         self._seeds: list[int | None] = []
+        self._is_head_lost = False
         self._reward = ray.put(reward)
         workers, cpus = workers_and_cpus(config)
         self._share = self._num_envs // workers
@@ -173,6 +121,7 @@ class RayMatchCollector(BatchCollector):
                 raise ConfigError(f"A Ray worker can't start: {_last_line(error)}") from error
             raise
         self._workers = self._collector.remote_collectors
+        self._places = ray.get([worker.get_place.remote() for worker in self._workers])
         self.set_seed(seed)
 
     def _start(
@@ -190,9 +139,9 @@ class RayMatchCollector(BatchCollector):
         with warnings.catch_warnings():
             # It warns that it doesn't send the weights of a policy that it doesn't have.
             warnings.simplefilter("ignore", UserWarning)
-            return RayCollector(
-                [_MakeMatches(config, self._share, cpus, self._reward)] * workers,
-                policy_factory=_MakePolicy(config),
+            return _StartedCollector(
+                [MakeMatches(config, self._share, cpus, self._reward)] * workers,
+                policy_factory=MakePolicy(config),
                 collector_class=MatchCollector,
                 collector_kwargs={
                     "hang_timeout": config.hang_timeout,
@@ -202,7 +151,12 @@ class RayMatchCollector(BatchCollector):
                     "trust_policy": True,
                 },
                 remote_configs=[
-                    {"num_cpus": cpus, "max_restarts": -1, "scheduling_strategy": place}
+                    {
+                        "num_cpus": cpus,
+                        "max_restarts": -1,
+                        "concurrency_groups": CONCURRENCY_GROUPS,
+                        "scheduling_strategy": place,
+                    }
                     for place in places
                 ],
                 exploration_type=ExplorationType.RANDOM,
@@ -229,10 +183,12 @@ class RayMatchCollector(BatchCollector):
             A batch of shape (num_envs, num_steps) on the CPU.
 
         Raises:
-            MatchWorkersError: Workers died too often, or one that died finds no place any more.
+            MatchWorkersError: Workers died or hung too often, or one that did finds no place any
+                more, or the head of the cluster is lost.
         """
         if self.state is None:
             self.reset()
+        self._check_head()
         weights = ray.put(TensorDict.from_module(self._policy).data.cpu())
         playing = [self._order(number, weights) for number in range(len(self._workers))]
         batches = [self._receive(number, batch, weights) for number, batch in enumerate(playing)]
@@ -240,7 +196,9 @@ class RayMatchCollector(BatchCollector):
         return torch.cat(batches).to("cpu")
 
     def close(self) -> None:
-        """Ends the workers."""
+        """Ends the workers, unless there is no cluster any more that they could be in."""
+        if self._is_head_lost:
+            return
         self._collector.shutdown()
         remove_placement_group(self._placement)
 
@@ -251,36 +209,81 @@ class RayMatchCollector(BatchCollector):
         """The batch of a worker, from the one that follows it if need be."""
         while True:
             try:
-                # In ray.get an exception from a signal's handler would become another one.
-                return batch.future().result()
+                return self._await(number, batch.future())
             except (RayActorError, ObjectLostError) as error:
-                self._await_successor(number, error)
+                self._replace(number, f"was lost ({type(error).__name__})")
+            except _WorkerLostError as error:
+                # Its exit, however it comes about, is no end of the actor for Ray.
+                ray.kill(self._workers[number], no_restart=False)
+                self._replace(number, str(error))
             batch = self._order(number, weights)
 
-    def _await_successor(self, number: int, error: Exception) -> None:
+    def _await(self, number: int, batch: Future[TensorDictBase]) -> TensorDictBase:
+        """The batch of a worker, as long as that answers.
+
+        Raises:
+            _WorkerLostError: It does not, or a match hangs.
+            RayActorError: It has died.
+        """
+        answer, silence = self._ask(number), 0
+        while True:
+            with contextlib.suppress(concurrent.futures.TimeoutError):
+                # In ray.get an exception from a signal's handler would become another one.
+                return batch.result(SECONDS_BETWEEN_QUESTIONS)
+            self._check_head()
+            # Counted, not measured: a process that stands still does not wait.
+            silence += SECONDS_BETWEEN_QUESTIONS
+            if answer.done():
+                if hanging := answer.result():
+                    raise _WorkerLostError(
+                        f"hangs in the engine: {', '.join(hanging)} took more than "
+                        f"{self._hang_timeout} s"
+                    )
+                answer, silence = self._ask(number), 0
+            elif self._timeout and silence >= self._timeout:
+                raise _WorkerLostError(f"has not answered for {silence} s")
+
+    def _check_head(self) -> None:
+        try:
+            check_head()
+        except RayHeadLostError:
+            self._is_head_lost = True
+            raise
+
+    def _ask(self, number: int) -> Future[list[str]]:
+        return self._workers[number].get_hanging.remote().future()
+
+    def _replace(self, number: int, reason: str) -> None:
+        """Waits until Ray has begun a worker anew.
+
+        Raises:
+            MatchWorkersError: That was too often, or there is no place for it.
+        """
+        self._check_head()
         self.lost_matches += self._share
         line = (
-            f"Ray worker {number}, which plays {self._share} matches of {self._scenario!r}, was "
-            f"lost ({type(error).__name__}); {self.lost_matches} matches have been lost so far."
+            f"Ray worker {number} ({self._places[number]}), which plays {self._share} matches of "
+            f"{self._scenario!r}, {reason}; {self.lost_matches} matches have been lost so far."
         )
         if not self._restarts_left:
-            raise MatchWorkersError(f"{line} That was too often.") from error
+            raise MatchWorkersError(f"{line} That was too often. {LOGS}")
         self._restarts_left -= 1
         self._on_restart(f"{line} It is replaced, {self._restarts_left} times more at most.")
         # The first matches of the one before would be played again.
         self._seeds[number] = self._new_seed()
         # Ray begins it anew; only an order that may be repeated waits for that.
-        is_ready = self._workers[number].__ray_ready__.options(max_task_retries=-1).remote()
+        place = self._workers[number].get_place.options(max_task_retries=-1).remote()
         try:
-            is_ready.future().result(START_TIMEOUT)
-        except concurrent.futures.TimeoutError:
+            self._places[number] = place.future().result(START_TIMEOUT)
+        except concurrent.futures.TimeoutError as error:
             raise MatchWorkersError(
-                f"{line} For {START_TIMEOUT} s there has been no place in the cluster for another."
+                f"{line} For {START_TIMEOUT} s there has been no place in the cluster for another: "
+                "add a node, or ask for less with --num-workers."
             ) from error
-        except RayActorError as failure:
+        except RayActorError as error:
             raise MatchWorkersError(
-                f"{line} Another one can't start: {_last_line(failure)}"
-            ) from failure
+                f"{line} Another one can't start: {_last_line(error)}"
+            ) from error
 
     def _new_seed(self) -> int:
         return int(self._random.integers(2**31))

@@ -15,7 +15,8 @@ from fbrl.models.actor_critic import ActorCritic
 from fbrl.transforms import ScoringReward
 
 WORKER_TIMEOUT = 20
-"""Seconds without an answer after which a process that plays matches is replaced."""
+"""Seconds without an answer after which a process, or a Ray worker, that plays matches is replaced.
+"""
 
 
 @contextlib.contextmanager
@@ -36,13 +37,19 @@ def training_matches(
     Raises:
         ConfigError: The Ray cluster that this process is connected to has no room for the matches.
     """
+    worker_timeout = min(config.hang_timeout, WORKER_TIMEOUT)
     if config.collector == "ray":
         # It can't be imported where Ray is not installed.
         from fbrl.collect.ray_collector import RayMatchCollector
 
         policy = model.get_collection_policy()
         collector = RayMatchCollector(
-            config, policy, reward, seed=config.seed, on_restart=on_warning
+            config,
+            policy,
+            reward,
+            seed=config.seed,
+            timeout=worker_timeout,
+            on_restart=on_warning,
         )
         with contextlib.closing(collector):
             yield collector, None
@@ -55,7 +62,7 @@ def training_matches(
         num_threads=config.num_threads,
         collector=config.collector,
         num_workers=config.num_workers,
-        worker_timeout=min(config.hang_timeout, WORKER_TIMEOUT),
+        worker_timeout=worker_timeout,
         on_restart=on_warning,
         seed=config.seed,
     )
