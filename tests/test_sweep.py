@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
+import psutil
 import pytest
 from conftest import REPOSITORY
 
-SCRIPT = REPOSITORY / "experiments" / "sweep" / "run.py"
+SWEEP = REPOSITORY / "experiments" / "sweep"
 GRID = """
 scenario: academy_empty_goal
 seed: [0, 1]
 hidden-sizes: [[16, 16]]
 num-envs: 2
 num-steps: 64
-total-frames: 2560
+total-frames: 1920
 checkpoint-interval: 128
 eval-episodes: 0
 device: cpu
@@ -28,59 +28,97 @@ device: cpu
 
 
 @pytest.fixture
-def sweep(tmp_path):
-    """The runner as a module, whose names the tests look at."""
-    spec = importlib.util.spec_from_file_location("sweep", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["sweep"] = module
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules["sweep"]
+def read_grid(monkeypatch):
+    """The sweep's own reading, whose points the tests look at."""
+    monkeypatch.syspath_prepend(SWEEP)
+    yield importlib.import_module("grid").read_grid
+    for name in ("grid", "summary"):
+        sys.modules.pop(name, None)
 
 
-def start(tmp_path, grid=GRID):
-    (tmp_path / "grid.yaml").write_text(grid)
-    return subprocess.Popen(
-        [sys.executable, SCRIPT, tmp_path / "grid.yaml", tmp_path / "runs"],
-        cwd=tmp_path,
-        env={**os.environ, "RAY_ADDRESS": "local"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+@pytest.fixture
+def start(tmp_path):
+    """Starts a sweep as a user would."""
+    started = []
+
+    def start(grid=GRID):
+        (tmp_path / "grid.yaml").write_text(grid)
+        started.append(
+            subprocess.Popen(
+                [sys.executable, SWEEP / "run.py", "grid.yaml", "runs"],
+                cwd=tmp_path,
+                env={**os.environ, "RAY_ADDRESS": "local"},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        )
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+
+
+def wait_for_frames(points, process):
+    """Waits until one of the trainings has logged more; returns which."""
+    before = [point.frames_done() for point in points]
+    give_up = time.monotonic() + 90
+    while time.monotonic() < give_up and process.poll() is None:
+        for point, frames in zip(points, before, strict=True):
+            if point.frames_done() > frames:
+                return point
+        time.sleep(0.1)
+    raise AssertionError(process.communicate()[1])
 
 
 @pytest.mark.slow
-def test_a_sweep_that_is_interrupted_is_finished_by_the_same_command(tmp_path, sweep):
-    process = start(tmp_path)
-    points = sweep.read_grid(tmp_path / "grid.yaml", tmp_path / "runs")
+def test_a_sweep_that_is_interrupted_is_finished_by_the_same_command(tmp_path, start, read_grid):
+    # What is in its way lets the second training fail.
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "seed=1").write_text("")
+    process = start()
+    points = read_grid(tmp_path / "grid.yaml", tmp_path / "runs")
     assert [point.run_dir.name for point in points] == ["seed=0", "seed=1"]
-    give_up = time.monotonic() + 90
-    while not any(point.share_done() for point in points) and time.monotonic() < give_up:
-        time.sleep(0.1)
+    training = wait_for_frames(points, process)
     process.send_signal(signal.SIGUSR1)
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 130, output + errors
-    assert not all(point.is_finished() for point in points)
-    begun = [point for point in points if sweep.has_checkpoint(point.run_dir)]
-    assert begun
-    for point in begun:
-        assert "saved and ended with exit code 130" in log(point)
+    assert "2 trainings: 0 are finished and skipped, 0 go on, 2 begin." in output
+    assert "saved and ended with exit code 130" in training.log.read_text()
+    assert not training.is_finished()
 
-    process = start(tmp_path)
+    process = start()
     output, errors = process.communicate(timeout=120)
-    assert process.returncode == 0, output + errors
-    assert "2 of 2 trainings are finished." in output
-    for point in points:
-        assert point.is_finished()
-    assert any("Going on after" in log(point) for point in begun)
+    assert process.returncode == 1, output + errors
+    assert "2 trainings: 0 are finished and skipped, 1 go on, 1 begin." in output
+    assert "Going on after" in training.log.read_text()
+    assert training.is_finished()
+    assert "runs/seed=0: finished" in output
+    assert "seed=1: failed with exit code 2 (fbrl-train: error: The run directory" in output
+    assert "1 of 2 trainings are finished." in output
+    assert "fbrl-plot curves runs/*/ --out academy_empty_goal.png" in output
 
 
-def log(point) -> str:
-    return Path(f"{point.run_dir}.output.log").read_text()
+PARENT = """
+import subprocess, sys
+sys.path.insert(0, sys.argv[1])
+from run import end_with_parent
+child = subprocess.Popen(["sleep", "600"], preexec_fn=end_with_parent())
+print(child.pid, flush=True)
+child.wait()
+"""
 
 
-def test_points_are_the_combinations_of_the_lists(tmp_path, sweep):
+def test_a_training_ends_with_the_process_that_began_it_however_that_ends():
+    parent = subprocess.Popen([sys.executable, "-c", PARENT, SWEEP], stdout=subprocess.PIPE)
+    child = psutil.Process(int(parent.stdout.readline()))
+    parent.kill()
+    parent.wait()
+    child.wait(10)
+
+
+def test_points_are_the_combinations_of_the_lists(tmp_path, read_grid):
     path = tmp_path / "grid.yaml"
     path.write_text(
         "scenario: [academy_corner, academy_empty_goal]\n"
@@ -88,7 +126,7 @@ def test_points_are_the_combinations_of_the_lists(tmp_path, sweep):
         "eval-untrained: true\n"
         "hidden-sizes: [[8, 4]]\n"
     )
-    points = sweep.read_grid(path, tmp_path)
+    points = read_grid(path, tmp_path)
     assert [point.run_dir.name for point in points] == [
         "scenario=academy_corner,seed=0",
         "scenario=academy_corner,seed=1",
@@ -111,17 +149,19 @@ def test_points_are_the_combinations_of_the_lists(tmp_path, sweep):
         ("seed: [0, 1]", "no options of fbrl-train, with a scenario among them"),
         ("scenario: [", "is no YAML"),
         ("scenario: academy_corner\nseed: [0, 0]", "would have the same directory"),
+        ("scenario: academy_corner\nseed: []", "has an empty list"),
+        ("scenario: academy_corner\nrun-dir: here", "has run-dir, which the sweep itself sets"),
     ],
 )
-def test_a_grid_that_is_none_is_an_error(tmp_path, sweep, grid, message):
+def test_a_grid_that_is_none_is_an_error(tmp_path, read_grid, grid, message):
     path = tmp_path / "grid.yaml"
     path.write_text(grid)
     with pytest.raises(ValueError, match=message):
-        sweep.read_grid(path, tmp_path)
+        read_grid(path, tmp_path)
 
 
-def test_an_option_that_does_not_exist_is_refused_in_one_line(tmp_path):
-    process = start(tmp_path, "scenario: academy_corner\nlearning-rat: 1")
+def test_an_option_that_does_not_exist_is_refused_in_one_line(tmp_path, start):
+    process = start("scenario: academy_corner\nlearning-rat: 1")
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 2
     assert output == ""

@@ -8,6 +8,7 @@
 #SBATCH --nodes=4
 #SBATCH --ntasks-per-node=1
 #SBATCH --cpus-per-task=32
+#SBATCH --exclusive
 #SBATCH --time=24:00:00
 #SBATCH --signal=B:USR1@300
 #SBATCH --requeue
@@ -18,22 +19,30 @@ set -euo pipefail
 GRID=${1:-experiments/sweep/grid.yaml}
 RUNS=${2:-runs/sweep}
 CPUS_PER_RUN=${CPUS_PER_RUN:-4}
-PORT=${PORT:-6379}
+# One of its own for each job: two of them may be on the same node.
+PORT=${PORT:-$((20000 + SLURM_JOB_ID % 10000))}
 
+# A step takes the CPUs of the job only if it is told so, since Slurm 22.05.
+step=(srun --ntasks-per-node=1 --cpus-per-task="$SLURM_CPUS_PER_TASK")
+
+# The script runs on the first node of the job; of several addresses the first of IPv4 is taken.
 head_node=$(scontrol show hostnames "$SLURM_JOB_NODELIST" | head -n 1)
-head_address=$(srun --nodes=1 --ntasks=1 --nodelist="$head_node" hostname --ip-address | awk '{print $1}')
+head_address=$(hostname --ip-address | tr ' ' '\n' | grep -m 1 -F .)
 export RAY_ADDRESS="$head_address:$PORT"
 
 # Ray's ports are open to the network of the cluster: use one that is trusted.
-srun --nodes=1 --ntasks=1 --nodelist="$head_node" \
+"${step[@]}" --nodes=1 --nodelist="$head_node" \
     ray start --head --node-ip-address="$head_address" --port="$PORT" \
     --num-cpus="$SLURM_CPUS_PER_TASK" --include-dashboard=false --disable-usage-stats --block &
-sleep 15
+for ((attempt = 0; attempt < 60; attempt++)); do
+    if ray status --address "$RAY_ADDRESS" >/dev/null 2>&1; then break; fi
+    sleep 2
+done
+ray status --address "$RAY_ADDRESS"
+# The sweep begins on the nodes that are there, and takes the others as they come.
 if [ "$SLURM_JOB_NUM_NODES" -gt 1 ]; then
-    srun --nodes=$((SLURM_JOB_NUM_NODES - 1)) --ntasks=$((SLURM_JOB_NUM_NODES - 1)) \
-        --exclude="$head_node" \
+    "${step[@]}" --nodes=$((SLURM_JOB_NUM_NODES - 1)) --exclude="$head_node" \
         ray start --address="$RAY_ADDRESS" --num-cpus="$SLURM_CPUS_PER_TASK" --block &
-    sleep 15
 fi
 
 python experiments/sweep/run.py "$GRID" "$RUNS" --cpus-per-run "$CPUS_PER_RUN" &

@@ -1,0 +1,125 @@
+"""The points of a sweep: which trainings a grid asks for, and how far each of them is."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fbrl.analysis.run_log import RunLogError, read_run_log
+from fbrl.cli.train import parse as parse_training
+from fbrl.config import ConfigError, TrainConfig
+
+OWN_OPTIONS = ("run-dir", "num-threads")
+"""Options of fbrl-train that the sweep decides."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One training of a sweep.
+
+    Attributes:
+        run_dir: Its directory.
+        arguments: Of fbrl-train, for its beginning.
+        config: What they ask for.
+    """
+
+    run_dir: Path
+    arguments: tuple[str, ...]
+    config: TrainConfig
+
+    @property
+    def log(self) -> Path:
+        """What fbrl-train printed, beside the run's directory."""
+        return self.run_dir.with_name(f"{self.run_dir.name}.output.log")
+
+    def has_begun(self) -> bool:
+        """Whether there is a checkpoint to go on from."""
+        return any((self.run_dir / "checkpoints").glob("*.pt"))
+
+    def is_finished(self) -> bool:
+        """Whether the training, and the evaluation at its end, are done.
+
+        Raises:
+            ConfigError: The training that is there is another one than the grid asks for.
+        """
+        from fbrl.checkpoint import CheckpointError, load_checkpoint
+        from fbrl.training.training_state import check_resumable
+
+        if not self.has_begun():
+            return False
+        try:
+            state = load_checkpoint(self.run_dir)
+            check_resumable(state, self.config)
+        except CheckpointError:
+            return False
+        except ConfigError as error:
+            raise ConfigError(
+                f"In {self.run_dir} is another training than the grid asks for: {error} Choose "
+                "another directory for the runs, or remove this one."
+            ) from error
+        is_evaluated = not self.config.eval_episodes or state["evaluated_at"] == state["frames"]
+        return bool(state["frames"] >= self.config.ppo.total_frames and is_evaluated)
+
+    def frames_done(self) -> int:
+        """Frames that it has learned from, as far as its log says."""
+        try:
+            return int(read_run_log(self.run_dir).frames[-1])
+        except RunLogError:
+            return 0
+
+
+def read_grid(path: Path, runs: Path) -> list[Point]:
+    """The points of a grid, each checked as fbrl-train checks its command line.
+
+    Raises:
+        ValueError: It is no grid, or two points would have the same directory.
+        OSError: The file can't be read.
+    """
+    try:
+        options = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ValueError(f"{path} is no YAML: {error}") from error
+    if not isinstance(options, dict) or "scenario" not in options:
+        raise ValueError(f"{path} has no options of fbrl-train, with a scenario among them.")
+    for name in OWN_OPTIONS:
+        if name in options:
+            raise ValueError(f"{path} has {name}, which the sweep itself sets: leave it out.")
+    lists = {
+        str(name): value if isinstance(value, list) else [value] for name, value in options.items()
+    }
+    varied = [name for name, values in lists.items() if len(values) > 1]
+    points = []
+    for values in itertools.product(*lists.values()):
+        chosen = dict(zip(lists, values, strict=True))
+        run_dir = runs / directory_name({name: chosen[name] for name in varied})
+        arguments = training_arguments(chosen)
+        config = parse_training([*arguments, "--run-dir", str(run_dir)])
+        points.append(Point(run_dir, arguments, config))
+    if not points:
+        raise ValueError(f"{path} has an empty list, so no training at all.")
+    if len({point.run_dir for point in points}) < len(points):
+        raise ValueError(f"Two points of {path} would have the same directory.")
+    return points
+
+
+def directory_name(values: Mapping[str, Any]) -> str:
+    """A directory's name for the values by which a point differs from the others."""
+    parts = [f"{name}={value}" for name, value in values.items()]
+    return re.sub(r"[^\w=.,+-]+", "_", ",".join(parts)) or "run"
+
+
+def training_arguments(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """The command line of fbrl-train, but for the directory."""
+    arguments = [str(values["scenario"])]
+    for name, value in values.items():
+        if value is True or value is False:
+            arguments.append(f"--{name}" if value else f"--no-{name}")
+        elif name != "scenario":
+            arguments += [f"--{name}", *map(str, value if isinstance(value, list) else [value])]
+    return tuple(arguments)
