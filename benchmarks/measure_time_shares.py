@@ -98,7 +98,7 @@ def time_shares(
         (AssistDensityReward, "label", "reward transform"),
         (EpisodeBookkeeping, "complete", "statistics and sums"),
         (TransformedEnv, "step_and_maybe_reset", "observation"),
-        (CollectionPolicy, "forward", "inference"),
+        (CollectionPolicy, "sample", "inference"),
         (algorithm.PPO, "collect", "transfer and batch"),
         (algorithm, "add_advantages", "advantages"),
         (algorithm, "update", "update"),

@@ -7,7 +7,6 @@ import contextlib
 import ctypes
 import functools
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -76,7 +75,7 @@ def run_training(run_dir: Path, arguments: Sequence[str], total_frames: int, thr
         ConfigError: Another process is training there, and does not end.
     """
     program = str(Path(sys.executable).with_name("fbrl-train"))
-    if make_ready(run_dir):
+    if has_checkpoint(run_dir):
         command = [program, "--resume", str(run_dir), "--total-frames", str(total_frames)]
     else:
         command = [program, *arguments, "--run-dir", str(run_dir)]
@@ -105,8 +104,8 @@ def end_with_parent() -> Callable[[], object]:
     return functools.partial(ctypes.CDLL(None).prctl, pr_set_pdeathsig, int(signal.SIGTERM))
 
 
-def make_ready(run_dir: Path) -> bool:
-    """Waits for a training that is being ended, and removes one that ended before it was saved.
+def has_checkpoint(run_dir: Path) -> bool:
+    """Waits for a training that is being ended.
 
     Returns:
         Whether there is a checkpoint to go on from.
@@ -120,9 +119,7 @@ def make_ready(run_dir: Path) -> bool:
     while run_dir.is_dir():
         try:
             with contextlib.closing(RunDirLock(run_dir)):
-                if any((run_dir / "checkpoints").glob("*.pt")):
-                    return True
-                shutil.rmtree(run_dir)
+                return any((run_dir / "checkpoints").glob("*.pt"))
         except ConfigError:
             if time.monotonic() > give_up:
                 raise
