@@ -190,10 +190,7 @@ class FootballProcessVectorEnv(MatchesVectorEnv):
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
         """See :meth:`MatchesVectorEnv.set_state`."""
-        if len(states) != self.num_envs:
-            raise ValueError(
-                f"There are states of {len(states)} matches for {self.num_envs} matches."
-            )
+        self._check_number_of_states(states)
         if not self._workers:
             self.reset()
         self._ask("set_state", lambda share: {"states": [states[i] for i in share]})

@@ -95,6 +95,11 @@ class MatchesVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         if self.closed:
             raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")
 
+    def _check_number_of_states(self, states: Sequence[Mapping[str, Any]]) -> None:
+        if not isinstance(states, Sequence) or len(states) != self.num_envs:
+            number = len(states) if isinstance(states, Sequence) else repr(states)
+            raise ValueError(f"There are states of {number} matches for {self.num_envs} matches.")
+
     def _check_none_ended(self, ended: Iterable[int], call: str) -> None:
         if numbers := sorted(ended):
             raise RuntimeError(
@@ -225,9 +230,7 @@ class FootballVectorEnv(MatchesVectorEnv):
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
         """See :meth:`MatchesVectorEnv.set_state`."""
-        if not isinstance(states, Sequence) or len(states) != self.num_envs:
-            number = len(states) if isinstance(states, Sequence) else repr(states)
-            raise ValueError(f"There are states of {number} matches for {self.num_envs} matches.")
+        self._check_number_of_states(states)
         self._threads.map(self._set_match_state, range(self.num_envs), states)
 
     def close_extras(self, **kwargs: Any) -> None:
