@@ -99,6 +99,9 @@ def _plot_densities(options: argparse.Namespace) -> None:
 
 
 def _plot_agent(options: argparse.Namespace) -> None:
+    if options.run is not None:
+        # First of all, as it starts the program anew.
+        preload_tcmalloc(DENSITY_PROGRAM)
     saved = [options.save_positions] if options.save_positions is not None else []
     check_figure_outputs(options, *saved)
     if options.positions is not None and saved:
@@ -124,7 +127,6 @@ def _read_positions(options: argparse.Namespace) -> NDArray[np.float64]:
 
 
 def _play(options: argparse.Namespace) -> NDArray[np.float64]:
-    preload_tcmalloc(DENSITY_PROGRAM)
     from fbrl.evaluation.possession import ball_positions
     from fbrl.figures.positions import write_positions
 
