@@ -1,0 +1,4 @@
+// Stands in for SDL, see SDL.h.
+#pragma once
+
+#include "SDL.h"

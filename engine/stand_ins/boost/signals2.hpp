@@ -1,0 +1,2 @@
+// Stands in for a header of Boost of which nothing is used.
+#pragma once
