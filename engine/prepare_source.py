@@ -69,12 +69,14 @@ def apply(patch: Path, target: Path) -> None:
 
 
 def git(target: Path, *arguments: str) -> str:
+    """What a git command says, run in the target."""
     identity = ["-c", "user.name=fbrl", "-c", "user.email=fbrl@localhost"]
     command = ["git", *identity, *arguments]
     return subprocess.run(command, cwd=target, check=True, capture_output=True, text=True).stdout
 
 
 def message_of(patch: Path) -> str:
+    """What stands above a patch's changes."""
     return patch.read_text(encoding="utf-8").partition("\ndiff --git ")[0].strip()
 
 
@@ -82,7 +84,7 @@ def export(target: Path) -> None:
     """Writes the commits on top of gfootball's as patches."""
     for patch in PATCHES.glob("*.patch"):
         patch.unlink()
-    first, *commits = git(target, "rev-list", "--reverse", "HEAD").split()
+    _upstream, *commits = git(target, "rev-list", "--reverse", "HEAD").split()
     for number, commit in enumerate(commits, 1):
         message = git(target, "show", "--no-patch", "--format=%B", commit).strip()
         title = re.sub(r"[^a-z0-9]+", "-", message.partition("\n")[0].lower()).strip("-")
@@ -92,6 +94,7 @@ def export(target: Path) -> None:
 
 
 def main() -> None:
+    """Prepares the target, or exports from it."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("target", type=Path)
     parser.add_argument("--git", action="store_true", help="a repository with a commit a patch")

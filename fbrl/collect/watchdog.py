@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from typing import Any
 
-from fbrl.envs.match_threads import Call, calls_in_hand
+from fbrl.envs.gfootball_import import load_gfootball
 
 LOOKS = 10
 """How often it looks in the time that a match may take."""
@@ -43,11 +44,12 @@ class Watchdog:
             self._thread.join()
 
     def _watch(self) -> None:
-        looks: dict[Call, int] = {}
+        in_hand = load_gfootball().engine.matches_in_hand
+        looks: dict[tuple[Any, str], int] = {}
         while not self._ended.wait(self._timeout / LOOKS):
             # Counted, not measured: a process that stands still does not look.
-            looks = {call: looks.get(call, 0) + 1 for call in calls_in_hand()}
-            hanging = [str(call) for call, times in looks.items() if times > LOOKS]
+            looks = {call: looks.get(call, 0) + 1 for call in in_hand()}
+            hanging = [match for (_, match), times in looks.items() if times > LOOKS]
             if hanging:
                 self._on_hang(sorted(hanging))
                 return

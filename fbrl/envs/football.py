@@ -10,9 +10,9 @@ import numpy as np
 from gymnasium import spaces
 
 from fbrl.envs.arguments import check_options
-from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS, Match
+from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS
 from fbrl.envs.episode_seeds import check_seed, draw_seed
-from fbrl.envs.match_row import RowLayout
+from fbrl.envs.matches import Matches
 from fbrl.envs.observation import Observation, select_space
 from fbrl.envs.scenarios import check_scenario
 
@@ -54,9 +54,7 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         self.scenario = check_scenario(scenario)
         self.observation_space: spaces.Dict = select_space(observation_keys)
         self.action_space = spaces.Discrete(NUM_ACTIONS)
-        self._match = Match(scenario)
-        self._layout = RowLayout(self.observation_space)
-        self._row = self._layout.rows(1)[0]
+        self._matches = Matches(scenario, 1, 1, self.observation_space)
         self._episode_number = FIRST_EPISODE - 1
 
     def reset(
@@ -79,7 +77,8 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
             self._episode_number += 1
         else:
             self._episode_number = FIRST_EPISODE
-        self._match.reset(engine_seed, self._episode_number)
+        self._matches.prepare(0, engine_seed, self._episode_number)
+        self._matches.begin([0])
         return self._observe(), {"engine_seed": engine_seed}
 
     def step(
@@ -96,13 +95,19 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         """
         if not self.action_space.contains(action) or isinstance(action, bool):
             raise ValueError(f"Action {action!r} is not an integer in [0, {NUM_ACTIONS - 1}].")
-        result = self._match.step(int(action))
-        return self._observe(), float(result.reward), result.terminated, result.truncated, {}
+        if self._matches.not_running():
+            raise RuntimeError(
+                f"The match of {self.scenario!r} is not running: call reset() before step(), also "
+                "after an episode's end."
+            )
+        self._matches.step([0], [int(action)])
+        arrays = self._matches.arrays
+        terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
+        return self._observe(), float(arrays["reward"][0]), terminated, truncated, {}
 
     def _observe(self) -> Observation:
-        self._match.read(self._row, self._layout)
-        return self._layout.split(self._row)
+        return {key: array[0] for key, array in self._matches.observe().items()}
 
     def close(self) -> None:
         """Hands the engine on to the next match of this process."""
-        self._match.close()
+        self._matches.close()

@@ -1,20 +1,16 @@
-"""gfootball's modules, imported without gym.
+"""The engine and gfootball's scenarios, imported without gfootball's own environments.
 
-The only module that imports gfootball; the others get what they need of it from
-:func:`load_gfootball`.
+The only module that imports them; the others get what they need of it from :func:`load_gfootball`.
 """
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import importlib
+import importlib.util
 import sys
 import types
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-
-import gymnasium
 
 _INSTALL_REMEDY = (
     "Run `make setup` in a clone of fbrl, which builds it with everything that it needs; "
@@ -23,66 +19,43 @@ _INSTALL_REMEDY = (
 
 
 class EngineNotInstalledError(ImportError):
-    """Raised where a match is asked for and gfootball can't be imported."""
+    """Raised where a match is asked for and the engine can't be imported."""
 
 
 @dataclass(frozen=True)
 class GFootball:
-    """The parts of gfootball in use: its compiled engine and three of its Python modules."""
+    """What is in use: our package of gfootball's engine, and two of gfootball's Python modules."""
 
     engine: types.ModuleType
     config: types.ModuleType
-    scenario_builder: types.ModuleType
     action_set: types.ModuleType
 
 
-def _gym_stand_in() -> dict[str, types.ModuleType]:
-    """Modules that gfootball finds under the name of gym, which is neither needed nor wanted."""
-    gym = types.ModuleType("gym")
-    for name in ("Env", "Wrapper", "ObservationWrapper", "RewardWrapper", "spaces"):
-        setattr(gym, name, getattr(gymnasium, name))
-    envs = types.ModuleType("gym.envs")
-    registration = types.ModuleType("gym.envs.registration")
-    # gfootball would otherwise put ids that can't be made into Gymnasium's registry.
-    vars(registration)["register"] = lambda **_: None
-    vars(gym)["envs"], vars(envs)["registration"] = envs, registration
-    return {
-        "gym": gym,
-        "gym.spaces": gymnasium.spaces,
-        "gym.envs": envs,
-        "gym.envs.registration": registration,
-    }
-
-
-@contextlib.contextmanager
-def _modules_replaced(replacements: Mapping[str, types.ModuleType]) -> Iterator[None]:
-    before = {name: sys.modules.get(name) for name in replacements}
-    sys.modules.update(replacements)
-    try:
-        yield
-    finally:
-        for name, module in before.items():
-            if module is None:
-                del sys.modules[name]
-            else:
-                sys.modules[name] = module
+def _import_bare(name: str) -> None:
+    """Lets modules of a package be imported without what the package itself imports."""
+    if name in sys.modules:
+        return
+    spec = importlib.util.find_spec(name)
+    if spec is None or spec.submodule_search_locations is None:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+    sys.modules[name] = importlib.util.module_from_spec(spec)
 
 
 @functools.cache
 def load_gfootball() -> GFootball:
-    """Imports gfootball without gym: no banner, nothing registered, no pygame window.
+    """Imports the engine, and of gfootball what builds scenarios: no gym, no OpenCV, no banner.
 
     Raises:
-        EngineNotInstalledError: gfootball, or something that it imports, is missing.
+        EngineNotInstalledError: It, or something that it imports, is missing.
     """
     try:
-        with _modules_replaced(_gym_stand_in()):
-            return GFootball(
-                engine=importlib.import_module("gfootball_engine"),
-                config=importlib.import_module("gfootball.env.config"),
-                scenario_builder=importlib.import_module("gfootball.env.scenario_builder"),
-                action_set=importlib.import_module("gfootball.env.football_action_set"),
-            )
+        _import_bare("gfootball")
+        _import_bare("gfootball.env")
+        return GFootball(
+            engine=importlib.import_module("fbrl_engine"),
+            config=importlib.import_module("gfootball.env.config"),
+            action_set=importlib.import_module("gfootball.env.football_action_set"),
+        )
     except ImportError as error:
         raise EngineNotInstalledError(
             f"The football engine can't be imported ({error}). {_INSTALL_REMEDY}"

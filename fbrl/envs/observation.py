@@ -40,42 +40,53 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from fbrl.envs.match_row import FIELDS, MAX_PLAYERS, PADDING
+MAX_PLAYERS = 11
+
+PADDING = -1
+"""Fills positions, directions and roles of the players that a small-sided scenario lacks."""
 
 Observation = dict[str, Any]
 """An array for each key; not ``np.ndarray`` in the type because Gymnasium's ``Dict`` says so."""
 
 
-def _box(key: str, low: float = -np.inf, high: float = np.inf) -> spaces.Box:
-    return spaces.Box(low, high, FIELDS[key].shape, FIELDS[key].dtype)
+def _real(*shape: int, low: float = -np.inf, high: float = np.inf) -> spaces.Box:
+    return spaces.Box(low, high, shape, np.float32)
+
+
+def _integer(low: int, high: int, *shape: int) -> spaces.Box:
+    return spaces.Box(low, high, shape, np.int64)
+
+
+def _flags(number: int) -> spaces.Box:
+    return spaces.Box(0, 1, (number,), np.int8)
 
 
 def _team_space(team: str) -> dict[str, spaces.Space]:
     return {
-        team: _box(team),
-        f"{team}_direction": _box(f"{team}_direction"),
-        f"{team}_tired_factor": _box(f"{team}_tired_factor", 0.0, 1.0),
-        f"{team}_yellow_card": _box(f"{team}_yellow_card", 0, 1),
-        f"{team}_active": _box(f"{team}_active", 0, 1),
-        f"{team}_roles": _box(f"{team}_roles", PADDING, 9),
+        team: _real(MAX_PLAYERS, 2),
+        f"{team}_direction": _real(MAX_PLAYERS, 2),
+        f"{team}_tired_factor": _real(MAX_PLAYERS, low=0, high=1),
+        f"{team}_yellow_card": _flags(MAX_PLAYERS),
+        f"{team}_active": _flags(MAX_PLAYERS),
+        f"{team}_roles": _integer(PADDING, 9, MAX_PLAYERS),
     }
 
 
 OBSERVATION_SPACE = spaces.Dict(
     {
-        "ball": _box("ball"),
-        "ball_direction": _box("ball_direction"),
-        "ball_rotation": _box("ball_rotation"),
+        "ball": _real(3),
+        "ball_direction": _real(3),
+        "ball_rotation": _real(3),
         **_team_space("left_team"),
         **_team_space("right_team"),
-        "active": _box("active", -1, MAX_PLAYERS - 1),
-        "designated": _box("designated", -1, MAX_PLAYERS - 1),
-        "ball_owned_team": _box("ball_owned_team", -1, 1),
-        "ball_owned_player": _box("ball_owned_player", -1, MAX_PLAYERS - 1),
-        "game_mode": _box("game_mode", 0, 6),
-        "score": _box("score", 0, 1000),
-        "steps_left": _box("steps_left", 0, 10_000),
-        "sticky_actions": _box("sticky_actions", 0, 1),
+        "active": _integer(-1, MAX_PLAYERS - 1),
+        "designated": _integer(-1, MAX_PLAYERS - 1),
+        "ball_owned_team": _integer(-1, 1),
+        "ball_owned_player": _integer(-1, MAX_PLAYERS - 1),
+        "game_mode": _integer(0, 6),
+        "score": _integer(0, 1000, 2),
+        "steps_left": _integer(0, 10_000),
+        "sticky_actions": _flags(10),
     }
 )
 """The whole observation of one match."""

@@ -1,10 +1,9 @@
-"""Many football matches as one Gymnasium environment, stepped by a pool of threads."""
+"""Many football matches as one Gymnasium environment, stepped by the engine's threads."""
 
 from __future__ import annotations
 
 import copy
 import dataclasses
-import functools
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
@@ -17,10 +16,9 @@ from gymnasium.vector.utils import batch_space
 from fbrl.checks.counts import check_count
 from fbrl.checks.names import check_name
 from fbrl.envs.arguments import check_actions, check_mask, check_options
-from fbrl.envs.engine import NUM_ACTIONS, Match, MatchState, StepResult
+from fbrl.envs.engine import NUM_ACTIONS
 from fbrl.envs.episode_seeds import EpisodeSeeds, spread_seed
-from fbrl.envs.match_row import RowLayout
-from fbrl.envs.match_threads import MatchThreads
+from fbrl.envs.matches import Matches, MatchState
 from fbrl.envs.observation import Observation, select_space
 from fbrl.envs.scenarios import check_scenario
 
@@ -84,7 +82,7 @@ class MatchesVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
         Args:
             states: Of as many matches of this scenario, from a source that is trusted: see
-                :meth:`fbrl.envs.engine.Match.set_state`.
+                :meth:`fbrl.envs.matches.Matches.set_state`.
 
         Raises:
             ValueError: They are not, as far as can be seen.
@@ -103,17 +101,17 @@ class MatchesVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     def _check_none_ended(self, ended: Iterable[int], call: str) -> None:
         if numbers := sorted(ended):
             raise RuntimeError(
-                f"Matches {numbers} of {self.scenario!r} have ended: call "
+                f"Matches {numbers} of {self.scenario!r} have not begun or have ended: call "
                 f"reset(options={{'reset_mask': mask}}) for them before {call}."
             )
 
 
 class FootballVectorEnv(MatchesVectorEnv):
-    """Several independent matches of one scenario, stepped by a pool of threads.
+    """Several independent matches of one scenario, stepped by the engine's threads.
 
-    The engine releases the GIL while it computes, so threads of one process are as parallel as
-    processes, with no pickling, no copies between processes and less memory. Match i plays
-    exactly what a :class:`FootballEnv` with the same seed and actions plays.
+    These hold no Python lock, so that they are as parallel as processes, with no pickling, no
+    copies between processes and less memory. Match i plays exactly what a :class:`FootballEnv`
+    with the same seed and actions plays.
 
     Args:
         scenario: As for :class:`FootballEnv`.
@@ -132,10 +130,6 @@ class FootballVectorEnv(MatchesVectorEnv):
     Matches do not start again by themselves (``AutoresetMode.DISABLED``): after an episode's
     end, call ``reset(options={"reset_mask": mask})``. TorchRL's ``GymWrapper`` does so. With
     any other mode TorchRL would lose the last state of each episode.
-
-    Attributes:
-        first_match: The number by which errors call the first match; others than 0 where these
-            matches are a part of more.
     """
 
     def __init__(
@@ -150,18 +144,13 @@ class FootballVectorEnv(MatchesVectorEnv):
         if num_threads is not None:
             num_threads = check_count("num_threads", num_threads)
         super().__init__(scenario, num_envs, observation_keys, action_set)
-        self.first_match = 0
-        self._matches = [Match(scenario) for _ in range(num_envs)]
-        self._layout = RowLayout(self.single_observation_space)
-        self._rows = self._layout.rows(num_envs)
-        self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
-        # A match that ends begins its next episode at once, on the thread that stepped it, while
-        # the other threads still step: what reset() asks for is then there.
-        self._next_episodes: dict[int, EpisodeSeeds] = {}
-        self._next_rows = self._layout.rows(num_envs)
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
-        describe = functools.partial(_describe_match, scenario, self._episodes)
-        self._threads = MatchThreads(self.num_threads, describe)
+        keys = self.single_observation_space
+        self._matches = Matches(scenario, num_envs, self.num_threads, keys)
+        self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
+        self._first_match = 0
+        # What each match begins at its end, while the other ones are still stepped.
+        self._next_episodes: list[EpisodeSeeds | None] = [None] * num_envs
 
     def reset(
         self,
@@ -186,10 +175,24 @@ class FootballVectorEnv(MatchesVectorEnv):
         mask = check_mask(check_options(options, ("reset_mask",)).get("reset_mask"), self.num_envs)
         seeds = spread_seed(seed, self.num_envs)
         chosen = np.flatnonzero(mask).tolist()
-        self._threads.map(self._reset_match, chosen, [seeds[index] for index in chosen])
+        for index in chosen:
+            self._choose_episode(index, seeds[index])
+        self._matches.begin(chosen)
+        for index in chosen:
+            self._prepare_next(index)
         info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
         info["engine_seed"][chosen] = [self._episodes[index].engine_seed for index in chosen]
-        return self._layout.split(self._rows), info
+        return self._matches.observe(), info
+
+    @property
+    def first_match(self) -> int:
+        """The number by which errors call the first match; not 0 where these are a part of more."""
+        return self._first_match
+
+    @first_match.setter
+    def first_match(self, number: int) -> None:
+        self._first_match = number
+        self._matches.native.set_first_match(number)
 
     @property
     def episodes(self) -> list[tuple[int, int]]:
@@ -210,74 +213,58 @@ class FootballVectorEnv(MatchesVectorEnv):
         """
         self._check_open()
         actions = check_actions(actions, self.num_envs, self._num_actions)
-        self._check_none_ended(self._next_episodes, "step()")
-        results = self._threads.map(self._step_match, range(self.num_envs), actions.tolist())
-        return (
-            self._layout.split(self._rows),
-            np.array([result.reward for result in results], np.float32),
-            np.array([result.terminated for result in results]),
-            np.array([result.truncated for result in results]),
-            {},
-        )
+        self._check_none_ended(self._matches.not_running(), "step()")
+        self._matches.step(range(self.num_envs), actions.tolist())
+        results = [
+            self._matches.arrays[key].copy() for key in ("reward", "terminated", "truncated")
+        ]
+        return self._matches.observe(), *results, {}
 
     def get_state(self) -> list[dict[str, Any]]:
         """See :meth:`MatchesVectorEnv.get_state`."""
-        self._check_none_ended(self._next_episodes, "get_state()")
+        self._check_open()
+        self._check_none_ended(self._matches.not_running(), "get_state()")
         return [
-            {"match": dataclasses.asdict(match.get_state()), "episodes": episodes.get_state()}
-            for match, episodes in zip(self._matches, self._episodes, strict=True)
+            {
+                "match": dataclasses.asdict(self._matches.get_state(index)),
+                "episodes": episodes.get_state(),
+            }
+            for index, episodes in enumerate(self._episodes)
         ]
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
         """See :meth:`MatchesVectorEnv.set_state`."""
         self._check_number_of_states(states)
-        self._threads.map(self._set_match_state, range(self.num_envs), states)
+        for index, state in enumerate(states):
+            self._set_match_state(index, state)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the threads and hands the engines on to the next matches of this process."""
-        self._threads.close()
-        for match in self._matches:
-            match.close()
+        self._matches.close()
 
-    def _reset_match(self, index: int, seed: int | None) -> None:
-        episodes = self._next_episodes.pop(index, None)
-        if episodes and seed is None:
-            self._episodes[index] = episodes
-            self._rows[index] = self._next_rows[index]
-        else:
-            self._episodes[index].advance(seed)
-            self._begin_episode(index, self._episodes[index], self._rows)
+    def _choose_episode(self, index: int, seed: int | None) -> None:
+        """Goes on to the episode that comes next, or to the first one of a seed."""
+        if seed is None and (episode := self._next_episodes[index]):
+            self._episodes[index] = episode
+            return
+        self._episodes[index].advance(seed)
+        self._prepare(index, self._episodes[index])
 
-    def _begin_episode(self, index: int, episodes: EpisodeSeeds, rows: np.ndarray) -> None:
-        match = self._matches[index]
-        match.reset(episodes.engine_seed, episodes.number)
-        match.read(rows[index], self._layout)
+    def _prepare_next(self, index: int) -> None:
+        episode = copy.deepcopy(self._episodes[index])
+        episode.advance()
+        self._prepare(index, episode)
+        self._next_episodes[index] = episode
 
-    def _step_match(self, index: int, action: int) -> StepResult:
-        match = self._matches[index]
-        result = match.step(action)
-        match.read(self._rows[index], self._layout)
-        if result.terminated or result.truncated:
-            episodes = copy.deepcopy(self._episodes[index])
-            episodes.advance()
-            self._begin_episode(index, episodes, self._next_rows)
-            self._next_episodes[index] = episodes
-        return result
+    def _prepare(self, index: int, episode: EpisodeSeeds) -> None:
+        self._matches.prepare(index, episode.engine_seed, episode.number)
 
     def _set_match_state(self, index: int, state: Mapping[str, Any]) -> None:
-        match = self._matches[index]
         try:
-            match.set_state(MatchState(**state["match"]))
-            match.read(self._rows[index], self._layout)
+            self._matches.set_state(index, MatchState(**state["match"]))
             self._episodes[index].set_state(state["episodes"])
-            self._next_episodes.pop(index, None)
+            self._prepare_next(index)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             reason = f"{type(error).__name__}: {error}"
             number = self.first_match + index
             raise ValueError(f"State {number} is not that of a match ({reason}).") from error
-
-
-def _describe_match(scenario: str, episodes: Sequence[EpisodeSeeds], index: int) -> str:
-    episode = episodes[index]
-    seed, number = episode.engine_seed, episode.number
-    return f"match {index} of {scenario} (engine seed {seed}, episode {number})"

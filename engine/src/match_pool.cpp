@@ -1,0 +1,293 @@
+#include "match_pool.hpp"
+
+#include <condition_variable>
+#include <cstdlib>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <stdexcept>
+#include <thread>
+
+namespace fbrl {
+
+class Batch {
+ public:
+  int left = 0;
+  std::string error;
+  bool is_invalid = false;
+};
+
+namespace {
+
+struct Slot {
+  explicit Slot(const std::string &data_dir) : match(data_dir) {}
+
+  Match match;
+  std::optional<Episode> prepared;
+  std::uint32_t engine_seed = 0;
+  std::int64_t episode_number = 0;
+  // The episode goes on: it has begun and not ended.
+  bool running = false;
+  // The prepared episode has begun already, after the end of the one before.
+  bool begun_ahead = false;
+  // Sent and not yet done.
+  bool busy = false;
+  // Being played, under this number.
+  std::uint64_t in_hand = 0;
+};
+
+void write(const Match &match, int index, const Rows &rows) {
+  for (const Column &column : rows) column.field->write(match, column.data + index * column.stride);
+}
+
+void begin_prepared(Slot &slot) { slot.match.reset(slot.prepared->config); }
+
+void disturb(const Disturbance &disturbance) {
+  switch (disturbance.kind) {
+    case Disturbance::Kind::kSleep:
+      std::this_thread::sleep_for(disturbance.sleep);
+      return;
+    case Disturbance::Kind::kHang:
+      while (true) std::this_thread::sleep_for(std::chrono::hours(1));
+    case Disturbance::Kind::kThrow:
+      throw std::runtime_error("a fault that was asked for");
+    case Disturbance::Kind::kAbort:
+      std::abort();
+  }
+}
+
+}  // namespace
+
+struct MatchPool::Shared {
+  struct Job {
+    int match;
+    std::shared_ptr<Batch> batch;
+    std::function<void(Slot &)> play;
+  };
+
+  const std::string scenario;
+  const std::optional<Disturbance> disturbance;
+  int first_match = 0;
+  std::vector<std::unique_ptr<Slot>> slots;
+
+  mutable std::mutex mutex;
+  std::condition_variable work, done;
+  std::deque<Job> jobs;
+  std::uint64_t jobs_begun = 0;
+  int threads = 0;
+  bool ending = false;
+
+  Shared(std::string name, std::optional<Disturbance> disturbed)
+      : scenario(std::move(name)), disturbance(std::move(disturbed)) {}
+
+  void step(Slot &slot, int action) const {
+    if (disturbance && disturbance->engine_seed.value_or(slot.engine_seed) == slot.engine_seed) {
+      disturb(*disturbance);
+    } else {
+      slot.match.step(action);
+    }
+  }
+
+  std::string describe(int match) const {
+    const Slot &slot = *slots[match];
+    return "match " + std::to_string(first_match + match) + " of " + scenario + " (engine seed " +
+           std::to_string(slot.engine_seed) + ", episode " + std::to_string(slot.episode_number) + ")";
+  }
+
+  Slot &free_slot(int match) {
+    Slot &slot = *slots.at(match);
+    if (slot.busy) throw std::logic_error("Match " + std::to_string(match) + " is still being played.");
+    return slot;
+  }
+
+  void send(Job job) {
+    slots[job.match]->busy = true;
+    job.batch->left++;
+    jobs.push_back(std::move(job));
+    work.notify_one();
+  }
+
+  void play_jobs() {
+    std::unique_lock lock(mutex);
+    while (true) {
+      work.wait(lock, [this] { return ending || !jobs.empty(); });
+      if (ending) break;
+      const Job job = std::move(jobs.front());
+      jobs.pop_front();
+      Slot &slot = *slots[job.match];
+      slot.in_hand = ++jobs_begun;
+      lock.unlock();
+      std::string error;
+      bool is_invalid = false;
+      try {
+        job.play(slot);
+      } catch (const std::invalid_argument &exception) {
+        error = exception.what();
+        is_invalid = true;
+      } catch (const std::exception &exception) {
+        error = exception.what();
+        slot.match.abandon_engine();
+      }
+      lock.lock();
+      if (!error.empty()) {
+        slot.running = slot.begun_ahead = false;
+        job.batch->error = describe(job.match) + " failed: " + error;
+        job.batch->is_invalid = is_invalid;
+      }
+      slot.in_hand = 0;
+      slot.busy = false;
+      if (--job.batch->left == 0) done.notify_all();
+    }
+    threads--;
+    done.notify_all();
+  }
+};
+
+MatchPool::MatchPool(std::string scenario, int num_matches, int num_threads, std::string data_dir,
+                     std::optional<Disturbance> disturbance)
+    : shared_(std::make_shared<Shared>(std::move(scenario), std::move(disturbance))) {
+  for (int i = 0; i < num_matches; i++) {
+    shared_->slots.push_back(std::make_unique<Slot>(data_dir));
+  }
+  shared_->threads = num_threads;
+  // They own what they work on, so that one that hangs does not use what is gone.
+  for (int i = 0; i < num_threads; i++) {
+    std::thread([shared = shared_] { shared->play_jobs(); }).detach();
+  }
+}
+
+MatchPool::~MatchPool() {
+  std::unique_lock lock(shared_->mutex);
+  shared_->ending = true;
+  shared_->jobs.clear();
+  shared_->work.notify_all();
+  shared_->done.wait_for(lock, std::chrono::seconds(1), [this] { return shared_->threads == 0; });
+}
+
+int MatchPool::num_matches() const { return static_cast<int>(shared_->slots.size()); }
+
+void MatchPool::prepare(int match, Episode episode) {
+  for (const auto *team : {&episode.config.left_team, &episode.config.right_team}) {
+    if (team->empty() || team->size() > kMaxPlayers) {
+      throw std::invalid_argument("A team of " + shared_->scenario + " has " +
+                                  std::to_string(team->size()) + " players; the engine plays 1 to " +
+                                  std::to_string(kMaxPlayers) + ".");
+    }
+  }
+  const std::lock_guard lock(shared_->mutex);
+  Slot &slot = shared_->free_slot(match);
+  slot.prepared = std::move(episode);
+  slot.begun_ahead = false;
+}
+
+std::shared_ptr<Batch> MatchPool::send_begin(const std::vector<int> &matches,
+                                             std::shared_ptr<const Rows> rows) {
+  const std::lock_guard lock(shared_->mutex);
+  for (int match : matches) {
+    if (!shared_->free_slot(match).prepared) {
+      throw std::logic_error("Match " + std::to_string(match) + " has no episode prepared.");
+    }
+  }
+  auto batch = std::make_shared<Batch>();
+  for (int match : matches) {
+    Slot &slot = *shared_->slots[match];
+    slot.engine_seed = slot.prepared->engine_seed;
+    slot.episode_number = slot.prepared->number;
+    shared_->send({match, batch, [match, rows](Slot &slot) {
+                     if (!slot.begun_ahead) begin_prepared(slot);
+                     slot.begun_ahead = false;
+                     slot.prepared.reset();
+                     slot.running = true;
+                     write(slot.match, match, *rows);
+                   }});
+  }
+  return batch;
+}
+
+std::shared_ptr<Batch> MatchPool::send_step(const std::vector<int> &matches,
+                                            const std::vector<int> &actions,
+                                            std::shared_ptr<const Rows> rows) {
+  const std::lock_guard lock(shared_->mutex);
+  for (int match : matches) {
+    if (!shared_->free_slot(match).running) {
+      throw std::logic_error("Match " + std::to_string(match) + " is not running.");
+    }
+  }
+  auto batch = std::make_shared<Batch>();
+  for (std::size_t i = 0; i < matches.size(); i++) {
+    const int match = matches[i], action = actions.at(i);
+    if (action < 0 || action >= kNumActions) throw std::logic_error("There is no such action.");
+    shared_->send({match, batch, [match, action, rows, shared = shared_.get()](Slot &slot) {
+                     shared->step(slot, action);
+                     write(slot.match, match, *rows);
+                     slot.running = !slot.match.terminated() && !slot.match.truncated();
+                     if (!slot.running && slot.prepared) {
+                       begin_prepared(slot);
+                       slot.begun_ahead = true;
+                     }
+                   }});
+  }
+  return batch;
+}
+
+std::shared_ptr<Batch> MatchPool::send_restore(int match, MatchState state,
+                                               std::shared_ptr<const Rows> rows) {
+  const std::lock_guard lock(shared_->mutex);
+  Slot &slot = shared_->free_slot(match);
+  if (!slot.prepared) throw std::logic_error("Its episode has to be prepared.");
+  slot.engine_seed = slot.prepared->engine_seed;
+  slot.episode_number = slot.prepared->number;
+  auto batch = std::make_shared<Batch>();
+  shared_->send({match, batch, [match, state = std::move(state), rows](Slot &slot) {
+                   slot.running = false;
+                   begin_prepared(slot);
+                   slot.begun_ahead = false;
+                   slot.match.restore(state);
+                   slot.prepared.reset();
+                   slot.running = true;
+                   write(slot.match, match, *rows);
+                 }});
+  return batch;
+}
+
+bool MatchPool::wait(Batch &batch, std::chrono::milliseconds timeout) {
+  std::unique_lock lock(shared_->mutex);
+  if (!shared_->done.wait_for(lock, timeout, [&batch] { return batch.left == 0; })) return false;
+  if (batch.error.empty()) return true;
+  if (batch.is_invalid) throw std::invalid_argument(batch.error);
+  throw std::runtime_error(batch.error);
+}
+
+MatchState MatchPool::state(int match) {
+  Slot *slot;
+  {
+    const std::lock_guard lock(shared_->mutex);
+    slot = &shared_->free_slot(match);
+    if (!slot->running) throw std::logic_error("Match " + std::to_string(match) + " is not running.");
+  }
+  return slot->match.state();
+}
+
+bool MatchPool::is_running(int match) const {
+  const std::lock_guard lock(shared_->mutex);
+  const Slot &slot = *shared_->slots.at(match);
+  return !slot.busy && slot.running;
+}
+
+std::vector<std::pair<std::uint64_t, std::string>> MatchPool::in_hand() const {
+  const std::lock_guard lock(shared_->mutex);
+  std::vector<std::pair<std::uint64_t, std::string>> all;
+  for (std::size_t i = 0; i < shared_->slots.size(); i++) {
+    if (const std::uint64_t number = shared_->slots[i]->in_hand) {
+      all.emplace_back(number, shared_->describe(static_cast<int>(i)));
+    }
+  }
+  return all;
+}
+
+void MatchPool::set_first_match(int number) {
+  const std::lock_guard lock(shared_->mutex);
+  shared_->first_match = number;
+}
+
+}  // namespace fbrl
