@@ -18,7 +18,7 @@ from fbrl.envs.engine import load_gfootball
 from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 
 REPOSITORY = Path(__file__).parent.parent
-ENGINE_IS_INSTALLED = importlib.util.find_spec("gfootball_engine") is not None
+ENGINE_IS_INSTALLED = importlib.util.find_spec("fbrl_engine") is not None
 needs_engine = pytest.mark.skipif(not ENGINE_IS_INSTALLED, reason="asks for the football engine")
 
 
@@ -92,7 +92,7 @@ def run_main(capsys):
 @pytest.fixture
 def no_engine(monkeypatch):
     """Takes the engine away, so that whoever tries to play says so."""
-    monkeypatch.setitem(sys.modules, "gfootball_engine", None)  # as if it were not installed
+    monkeypatch.setitem(sys.modules, "fbrl_engine", None)  # as if it were not installed
     load_gfootball.cache_clear()
     yield
     load_gfootball.cache_clear()

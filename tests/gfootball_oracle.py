@@ -4,22 +4,36 @@ from __future__ import annotations
 
 import importlib
 import random
+import sys
+import types
 from typing import Any
 
+import gymnasium
 import numpy as np
 
-from fbrl.envs.engine import load_gfootball
+from fbrl.envs.gfootball_import import load_gfootball
+
+
+def import_gfootball(name: str) -> Any:
+    """A module of gfootball's that imports gym, with gymnasium in gym's place."""
+    load_gfootball()
+    if "gym" not in sys.modules:
+        gym = types.ModuleType("gym")
+        for attribute in ("Env", "Wrapper", "ObservationWrapper", "RewardWrapper", "spaces"):
+            setattr(gym, attribute, getattr(gymnasium, attribute))
+        sys.modules["gym"] = gym
+    return importlib.import_module(f"gfootball.env.{name}")
 
 
 def make_gfootball_env(scenario: str, seed: int | None) -> Any:
     """gfootball's ``FootballEnv`` for one controlled left player, with its engine seed pinned."""
-    gfootball = load_gfootball()
+    config = load_gfootball().config
     values: dict[str, Any] = {"level": scenario}
     if seed is not None:
         values["game_engine_random_seed"] = seed
-    football_env = importlib.import_module("gfootball.env.football_env")
+    football_env = import_gfootball("football_env")
     state = random.getstate()
-    env = football_env.FootballEnv(gfootball.config.Config(values))
+    env = football_env.FootballEnv(config.Config(values))
     random.setstate(state)
     return env
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from gfootball_oracle import shoot_near_goal
+from gfootball_oracle import import_gfootball, shoot_near_goal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scripted_matches import INTEGERS, ScriptedMatches, episodes, stored_trajectory
@@ -21,7 +21,6 @@ from torchrl.envs import Compose, GymWrapper, ParallelEnv, RewardSum, SerialEnv,
 from torchrl.envs.utils import check_env_specs
 
 from fbrl.envs import FootballEnv, FootballVectorEnv
-from fbrl.envs.engine import load_gfootball
 from fbrl.transforms import CheckpointReward, ScoringReward
 
 
@@ -29,8 +28,7 @@ class GfootballWrapper:
     """gfootball's wrapper, given one observation and reward at a time."""
 
     def __init__(self) -> None:
-        load_gfootball()
-        wrappers = importlib.import_module("gfootball.env.wrappers")
+        wrappers = import_gfootball("wrappers")
         self.wrapper = object.__new__(wrappers.CheckpointRewardWrapper)
         self.wrapper.env = SimpleNamespace(
             unwrapped=SimpleNamespace(observation=lambda: [self.observation]), reset=lambda: None

@@ -478,7 +478,7 @@ class TestShipped:
 
 def test_needs_neither_gfootball_nor_its_table():
     code = (
-        "import sys; sys.modules['gfootball'] = sys.modules['gfootball_engine'] = None\n"
+        "import sys; sys.modules['gfootball'] = sys.modules['fbrl_engine'] = None\n"
         "import fbrl.transforms\n"
         "fbrl.transforms.AssistDensityReward()"
     )

@@ -35,7 +35,7 @@ def without_engine(tmp_path_factory):
     folder = tmp_path_factory.mktemp("examples")
     program = [
         "import runpy, sys",
-        "sys.modules['gfootball'] = sys.modules['gfootball_engine'] = None",
+        "sys.modules['gfootball'] = sys.modules['fbrl_engine'] = None",
     ]
     for name in WITHOUT_ENGINE:
         path = str(EXAMPLES / f"{name}.py")

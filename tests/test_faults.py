@@ -14,7 +14,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
@@ -28,7 +27,8 @@ from fbrl.checkpoint import load_checkpoint
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.config_json import config_from_dict
 from fbrl.density import AssistDensity
-from fbrl.envs.engine import Match
+from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.matches import Matches
 from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.ppo.algorithm import PPO
 from fbrl.ppo.update import TrainingDivergedError, update
@@ -227,23 +227,25 @@ def test_what_a_diverging_training_leaves_behind_makes_the_same_loss_again(confi
 
 # A match whose engine hangs or aborts in one episode, each time that this is played.
 TRAP = """
-import os, sys, time
+import sys
 from pathlib import Path
-from fbrl.envs.engine import Match
+from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.matches import Matches
 
 fault, trap = sys.argv.pop(1), Path("trap")
-steps, step = 0, Match.step
+steps, step = 0, Matches.step
 
-def step_into_trap(self, action):
+def step_into_trap(self, matches, actions):
     global steps
-    steps += 1
+    steps += len(matches)
     if not trap.exists() and steps > 200:
-        trap.write_text(str(self._episode[0]))
-    if trap.exists() and trap.read_text() == str(self._episode[0]):
-        time.sleep(3600) if fault == "hang" else os.abort()
-    return step(self, action)
+        trap.write_text(str(self.episodes[0][0]))
+    if trap.exists():
+        seed = int(trap.read_text())
+        self.native.disturb(load_gfootball().engine.Disturbance(fault, engine_seed=seed))
+    step(self, matches, actions)
 
-Match.step = step_into_trap
+Matches.step = step_into_trap
 from fbrl.cli.train import main
 main()
 """
@@ -331,20 +333,15 @@ def test_a_hang_that_nobody_can_be_told_of_ends_the_process_after_the_update_in_
 
 
 def test_a_batch_that_hangs_as_the_training_ends_is_noticed_too(config, monkeypatch):
-    step, ended = Match.step, threading.Event()
-    steps, codes = itertools.count(1), []
+    step, steps, codes = Matches.step, itertools.count(1), []
 
-    def hang_in_the_second_batch(match, action):
-        if next(steps) == 50:
-            ended.wait(20)
-        return step(match, action)
+    def sleep_in_the_second_batch(self, matches, actions):
+        disturbance = load_gfootball().engine.Disturbance("sleep", seconds=4)
+        self.native.disturb(disturbance if next(steps) == 25 else None)
+        step(self, matches, actions)
 
-    def end_the_hang(code):
-        codes.append(code)
-        ended.set()
-
-    monkeypatch.setattr(Match, "step", hang_in_the_second_batch)
-    monkeypatch.setattr(os, "_exit", end_the_hang)
+    monkeypatch.setattr(Matches, "step", sleep_in_the_second_batch)
+    monkeypatch.setattr(os, "_exit", codes.append)
     hangs = []
     listener = TrainListener(
         on_metrics=lambda frames, metrics: signal.raise_signal(signal.SIGTERM),
@@ -379,13 +376,13 @@ def test_a_training_that_fails_as_it_begins_leaves_its_directory_free(config, mo
 
 
 def test_after_a_crash_evaluations_play_other_matches(config, monkeypatch):
-    played, reset = [], Match.reset
+    played, prepare = [], Matches.prepare
 
-    def recording_reset(self, seed, episode_number):
+    def recording_prepare(self, match, seed, episode_number):
         played[-1].add(seed)
-        reset(self, seed, episode_number)
+        prepare(self, match, seed, episode_number)
 
-    monkeypatch.setattr(Match, "reset", recording_reset)
+    monkeypatch.setattr(Matches, "prepare", recording_prepare)
     config = dataclasses.replace(config, eval_pictures=False)
     model = make_model(config, torch.device("cpu"))
     for crashes in (0, 1, 2):

@@ -5,14 +5,13 @@ from __future__ import annotations
 import collections
 import doctest
 import functools
-import importlib
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 import torch
-from gfootball_oracle import make_gfootball_env, shoot_near_goal
+from gfootball_oracle import import_gfootball, make_gfootball_env, shoot_near_goal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_matches import (
@@ -41,7 +40,6 @@ from torchrl.envs.utils import check_env_specs
 import fbrl.transforms.minimap
 import fbrl.transforms.minimap_grid
 from fbrl.envs import FootballEnv
-from fbrl.envs.engine import load_gfootball
 from fbrl.transforms import MiniMapCells, SuperMiniMap
 from fbrl.transforms.minimap_grid import cells_to_planes, frame_cells
 
@@ -50,8 +48,7 @@ NUM_FRAMES = 4
 
 @pytest.fixture(scope="module")
 def preprocessing() -> Any:
-    load_gfootball()
-    return importlib.import_module("gfootball.env.observation_preprocessing")
+    return import_gfootball("observation_preprocessing")
 
 
 def cells_of(matches: TensorDict) -> torch.Tensor:
@@ -239,7 +236,7 @@ class FramesOfRawObservations(gymnasium.Env):
     ],
 )
 def test_real_matches_equal_gfootballs_smm_under_its_frame_stack(preprocessing, scenario, episodes):
-    wrappers = importlib.import_module("gfootball.env.wrappers")
+    wrappers = import_gfootball("wrappers")
     theirs = wrappers.FrameStack(
         FramesOfRawObservations(make_gfootball_env(scenario, 5), preprocessing), NUM_FRAMES
     )

@@ -7,7 +7,6 @@ import importlib
 import os
 import signal
 import sys
-import time
 
 import numpy as np
 import psutil
@@ -26,7 +25,8 @@ from fbrl.collect import make_collection_env, ray_collector
 from fbrl.collect.ray_cluster import connected_to_ray, even_share
 from fbrl.collect.ray_collector import RayMatchCollector
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
-from fbrl.envs.engine import Match
+from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.matches import Matches
 from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.ppo.algorithm import PPO
 from fbrl.training.trainer import TrainListener, train
@@ -145,7 +145,13 @@ def test_batches_outlive_an_engine_that_hangs_and_a_node_that_vanishes(workers, 
     places = list(collector._places)
 
     def hang_in_the_next_step(worker):
-        Match.step = lambda *_: time.sleep(600)
+        step = Matches.step
+
+        def hang(self, matches, actions):
+            self.native.disturb(load_gfootball().engine.Disturbance("hang"))
+            step(self, matches, actions)
+
+        Matches.step = hang
 
     ray.get(collector._workers[0].__ray_call__.remote(hang_in_the_next_step))
     process, node = place_of(collector, 1)

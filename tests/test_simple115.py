@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import doctest
-import importlib
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from gfootball_oracle import make_gfootball_env, shoot_near_goal
+from gfootball_oracle import import_gfootball, make_gfootball_env, shoot_near_goal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_matches import (
@@ -26,14 +25,12 @@ from torchrl.envs.utils import check_env_specs
 
 import fbrl.transforms.simple115
 from fbrl.envs import FootballEnv
-from fbrl.envs.engine import load_gfootball
 from fbrl.transforms import Simple115
 
 
 @pytest.fixture(scope="module")
 def simple115v2() -> Any:
-    load_gfootball()
-    wrapper = importlib.import_module("gfootball.env.wrappers").Simple115StateWrapper
+    wrapper = import_gfootball("wrappers").Simple115StateWrapper
     return lambda raws: wrapper.convert_observation(raws, fixed_positions=True)
 
 

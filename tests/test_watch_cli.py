@@ -153,7 +153,7 @@ def test_bad_input_is_answered_with_one_line_and_exit_code_2(case, shooter, watc
     [
         ("mplsoccer", "pip install 'fbrl[analysis]'"),
         ("imageio_ffmpeg", "pip install 'fbrl[analysis]'"),
-        ("gfootball_engine", "The football engine can't be imported"),
+        ("fbrl_engine", "The football engine can't be imported"),
     ],
 )
 def test_what_is_not_installed_is_named_with_its_remedy(

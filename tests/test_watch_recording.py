@@ -11,8 +11,8 @@ from torchrl.envs import ExplorationType, exploration_type
 from watching import SCENARIO, SHORT_PASS, SHOT, pass_and_shoot, random_player, recorded_matches
 
 from fbrl.checks.names import UnknownNameError
-from fbrl.envs.engine import FIRST_EPISODE, Match
-from fbrl.envs.match_row import RowLayout
+from fbrl.envs.engine import FIRST_EPISODE
+from fbrl.envs.matches import Matches
 from fbrl.watch.passes import completed_passes
 from fbrl.watch.recording import RECORDED_KEYS, record_matches
 
@@ -40,17 +40,17 @@ def test_a_recording_holds_every_state_and_what_happened_between_them():
 
 
 def test_the_engine_plays_a_recording_again():
-    layout = RowLayout(RECORDED_KEYS)
     for recording in recorded_matches():
-        match = Match(recording.scenario)
-        match.reset(recording.engine_seed, recording.episode_number)
-        rows = layout.rows(recording.num_steps + 1)
-        match.read(rows[0], layout)
-        for index, action in enumerate(recording.actions.tolist(), start=1):
-            match.step(action)
-            match.read(rows[index], layout)
+        match = Matches(recording.scenario, 1, 1, RECORDED_KEYS)
+        match.prepare(0, recording.engine_seed, recording.episode_number)
+        match.begin([0])
+        states = [match.observe()]
+        for action in recording.actions.tolist():
+            match.step([0], [action])
+            states.append(match.observe())
         match.close()
-        for key, again in layout.split(rows).items():
+        for key in RECORDED_KEYS:
+            again = np.concatenate([state[key] for state in states])
             np.testing.assert_array_equal(again, recording.observations[key], err_msg=key)
 
 

@@ -11,62 +11,76 @@ import time
 import pytest
 
 from fbrl.collect.watchdog import Watchdog
-from fbrl.envs.match_threads import MatchThreads, calls_in_hand
+from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.matches import Matches
 
 
-def test_a_call_that_takes_too_long_is_named_once():
+@pytest.fixture
+def matches():
+    matches = Matches("academy_empty_goal", 2, 2, ["ball"])
+    for match in range(2):
+        matches.prepare(match, match, 2)
+    matches.begin([0, 1])
+    yield matches
+    matches.close()
+
+
+def sleep_in_each_step(matches, seconds, engine_seed=None):
+    disturbance = load_gfootball().engine.Disturbance("sleep", engine_seed, seconds)
+    matches.native.disturb(disturbance)
+
+
+def test_a_step_that_takes_too_long_is_named_once(matches):
     named, seen = [], threading.Event()
 
     def on_hang(matches):
         named.append(list(matches))
         seen.set()
 
-    team = MatchThreads(2, describe="match {}".format)
     with Watchdog(0.2, on_hang):
-        team.map(lambda index: seen.wait(30) if index == 1 else None, range(3))
+        sleep_in_each_step(matches, 1.0, engine_seed=1)
+        matches.step([0, 1], [5, 5])
         assert seen.is_set()
-        team.map(lambda index: None, range(3))
-    team.close()
-    assert named == [["match 1"]]
+        matches.native.disturb(None)
+        matches.step([0, 1], [5, 5])
+    assert named == [["match 1 of academy_empty_goal (engine seed 1, episode 2)"]]
 
 
-def test_many_short_calls_are_no_long_one():
-    team = MatchThreads(2)
+def test_many_short_steps_are_no_long_one(matches):
     named = []
+    sleep_in_each_step(matches, 0.01)
     with Watchdog(0.2, named.append):
         for _ in range(40):
-            team.map(lambda index: time.sleep(0.01), range(2))
-    team.close()
+            matches.step([0, 1], [5, 5])
     assert named == []
 
 
-def test_it_can_be_turned_off():
-    team = MatchThreads(1)
+def test_it_can_be_turned_off(matches):
+    sleep_in_each_step(matches, 0.05)
     with Watchdog(0, None):
-        team.map(time.sleep, [0.05])
-    team.close()
+        matches.step([0, 1], [5, 5])
 
 
-def test_a_call_that_fails_is_no_longer_in_hand():
-    team = MatchThreads(2)
-    failing = [lambda: 1 / 0] * 3
-    with pytest.raises(ZeroDivisionError):
-        team.map(lambda function: function(), failing)
-    assert calls_in_hand() == []
-    team.close()
+def test_a_step_that_fails_is_no_longer_in_hand(matches):
+    engine = load_gfootball().engine
+    matches.native.disturb(engine.Disturbance("throw"))
+    with pytest.raises(RuntimeError, match="a fault that was asked for"):
+        matches.step([0, 1], [5, 5])
+    assert engine.matches_in_hand() == []
 
 
 STOPPED = """
-import time
-from fbrl.envs.match_threads import MatchThreads
+from fbrl.envs.matches import Matches
+from fbrl.envs.gfootball_import import load_gfootball
 from fbrl.collect.watchdog import Watchdog
 
-def call(_):
-    print("begun", flush=True)
-    time.sleep(0.5)
-
+matches = Matches("academy_empty_goal", 1, 1, ["ball"])
+matches.prepare(0, 0, 2)
+matches.begin([0])
+matches.native.disturb(load_gfootball().engine.Disturbance("sleep", seconds=0.5))
 with Watchdog(2, lambda matches: print("hangs")):
-    MatchThreads(1).map(call, [0])
+    print("begun", flush=True)
+    matches.step([0], [5])
 """
 
 

@@ -11,7 +11,7 @@ from conftest import REPOSITORY
 WITHOUT_ENGINE = """
 import sys
 import pytest
-sys.modules["gfootball_engine"] = None
+sys.modules["fbrl_engine"] = None
 sys.exit(pytest.main(sys.argv[1:]))
 """
 

@@ -42,7 +42,6 @@ class Matches(_native.Matches):
         scenario: Its name, for messages.
         num_matches: How many.
         num_threads: How many play them.
-        disturbance: What happens in place of steps, for measurements and tests.
 
     Examples:
         >>> matches = Matches("academy_corner", num_matches=2, num_threads=2)
@@ -53,14 +52,8 @@ class Matches(_native.Matches):
         >>> matches.send_step([0, 1], [5, 5], rows).wait()
     """
 
-    def __init__(
-        self,
-        scenario: str,
-        num_matches: int,
-        num_threads: int,
-        disturbance: Disturbance | None = None,
-    ) -> None:
-        super().__init__(scenario, num_matches, num_threads, str(DATA), disturbance)
+    def __init__(self, scenario: str, num_matches: int, num_threads: int) -> None:
+        super().__init__(scenario, num_matches, num_threads, str(DATA))
         _all_matches.add(self)
 
 

@@ -213,11 +213,11 @@ void bind_matches(nb::module_ &module) {
   nb::class_<PyMatches>(module, "Matches", nb::is_weak_referenceable())
       .def("__init__",
            [](PyMatches *matches, std::string scenario, int num_matches, int num_threads,
-              std::string data_dir, std::optional<fbrl::Disturbance> disturbance) {
-             new (matches) PyMatches{std::make_shared<MatchPool>(std::move(scenario), num_matches, num_threads,
-                                                                 std::move(data_dir), disturbance)};
+              std::string data_dir) {
+             new (matches) PyMatches{std::make_shared<MatchPool>(std::move(scenario), num_matches,
+                                                                 num_threads, std::move(data_dir))};
            },
-           "scenario"_a, "num_matches"_a, "num_threads"_a, "data_dir"_a, "disturbance"_a = nb::none())
+           "scenario"_a, "num_matches"_a, "num_threads"_a, "data_dir"_a)
       .def("prepare",
            [](PyMatches &matches, int match, const ScenarioConfig &config, std::uint32_t engine_seed,
               std::int64_t episode_number) {
@@ -271,6 +271,11 @@ void bind_matches(nb::module_ &module) {
            "match"_a, "Whether the match's episode has begun and not ended.")
       .def("in_hand", [](PyMatches &matches) { return open(matches)->in_hand(); },
            "What is being played now: a number that no other work has, and the match in words.")
+      .def("disturb",
+           [](PyMatches &matches, std::optional<fbrl::Disturbance> disturbance) {
+             open(matches)->disturb(disturbance);
+           },
+           "disturbance"_a.none(), "Puts something in the place of steps, from the next one that is sent.")
       .def("set_first_match", [](PyMatches &matches, int number) { open(matches)->set_first_match(number); },
            "number"_a, "The number by which messages call the first match, 0 unless said.")
       .def("close", [](PyMatches &matches) {

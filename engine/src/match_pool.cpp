@@ -42,10 +42,15 @@ void write(const Match &match, int index, const Rows &rows) {
 
 void begin_prepared(Slot &slot) { slot.match.reset(slot.prepared->config); }
 
-void disturb(const Disturbance &disturbance) {
-  switch (disturbance.kind) {
+// Plays a step, or what takes its place in this episode.
+void step(Slot &slot, int action, const std::optional<Disturbance> &disturbance) {
+  if (!disturbance || disturbance->engine_seed.value_or(slot.engine_seed) != slot.engine_seed) {
+    slot.match.step(action);
+    return;
+  }
+  switch (disturbance->kind) {
     case Disturbance::Kind::kSleep:
-      std::this_thread::sleep_for(disturbance.sleep);
+      std::this_thread::sleep_for(disturbance->sleep);
       return;
     case Disturbance::Kind::kHang:
       while (true) std::this_thread::sleep_for(std::chrono::hours(1));
@@ -66,7 +71,7 @@ struct MatchPool::Shared {
   };
 
   const std::string scenario;
-  const std::optional<Disturbance> disturbance;
+  std::optional<Disturbance> disturbance;
   int first_match = 0;
   std::vector<std::unique_ptr<Slot>> slots;
 
@@ -77,16 +82,7 @@ struct MatchPool::Shared {
   int threads = 0;
   bool ending = false;
 
-  Shared(std::string name, std::optional<Disturbance> disturbed)
-      : scenario(std::move(name)), disturbance(std::move(disturbed)) {}
-
-  void step(Slot &slot, int action) const {
-    if (disturbance && disturbance->engine_seed.value_or(slot.engine_seed) == slot.engine_seed) {
-      disturb(*disturbance);
-    } else {
-      slot.match.step(action);
-    }
-  }
+  explicit Shared(std::string name) : scenario(std::move(name)) {}
 
   std::string describe(int match) const {
     const Slot &slot = *slots[match];
@@ -143,9 +139,8 @@ struct MatchPool::Shared {
   }
 };
 
-MatchPool::MatchPool(std::string scenario, int num_matches, int num_threads, std::string data_dir,
-                     std::optional<Disturbance> disturbance)
-    : shared_(std::make_shared<Shared>(std::move(scenario), std::move(disturbance))) {
+MatchPool::MatchPool(std::string scenario, int num_matches, int num_threads, std::string data_dir)
+    : shared_(std::make_shared<Shared>(std::move(scenario))) {
   for (int i = 0; i < num_matches; i++) {
     shared_->slots.push_back(std::make_unique<Slot>(data_dir));
   }
@@ -217,8 +212,8 @@ std::shared_ptr<Batch> MatchPool::send_step(const std::vector<int> &matches,
   for (std::size_t i = 0; i < matches.size(); i++) {
     const int match = matches[i], action = actions.at(i);
     if (action < 0 || action >= kNumActions) throw std::logic_error("There is no such action.");
-    shared_->send({match, batch, [match, action, rows, shared = shared_.get()](Slot &slot) {
-                     shared->step(slot, action);
+    shared_->send({match, batch, [match, action, rows, disturbance = shared_->disturbance](Slot &slot) {
+                     step(slot, action, disturbance);
                      write(slot.match, match, *rows);
                      slot.running = !slot.match.terminated() && !slot.match.truncated();
                      if (!slot.running && slot.prepared) {
@@ -283,6 +278,11 @@ std::vector<std::pair<std::uint64_t, std::string>> MatchPool::in_hand() const {
     }
   }
   return all;
+}
+
+void MatchPool::disturb(std::optional<Disturbance> disturbance) {
+  const std::lock_guard lock(shared_->mutex);
+  shared_->disturbance = disturbance;
 }
 
 void MatchPool::set_first_match(int number) {

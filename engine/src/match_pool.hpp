@@ -48,8 +48,7 @@ class Batch;
 
 class MatchPool {
  public:
-  MatchPool(std::string scenario, int num_matches, int num_threads, std::string data_dir,
-            std::optional<Disturbance> disturbance = std::nullopt);
+  MatchPool(std::string scenario, int num_matches, int num_threads, std::string data_dir);
   // Waits for what is being played, a second at most: a match that hangs is left to the process's end.
   ~MatchPool();
   MatchPool(const MatchPool &) = delete;
@@ -77,6 +76,9 @@ class MatchPool {
 
   // What is being played at this moment: a number that no other work has, and the match in words.
   std::vector<std::pair<std::uint64_t, std::string>> in_hand() const;
+
+  // From the next step that is sent.
+  void disturb(std::optional<Disturbance> disturbance);
 
   // The number by which messages call the first match, where these are a part of more.
   void set_first_match(int number);
