@@ -10,6 +10,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import pytest
 
 from fbrl.envs.gfootball_import import load_gfootball
 
@@ -17,12 +18,13 @@ from fbrl.envs.gfootball_import import load_gfootball
 def import_gfootball(name: str) -> Any:
     """A module of gfootball's that imports gym, with gymnasium in gym's place."""
     load_gfootball()
-    if "gym" not in sys.modules:
-        gym = types.ModuleType("gym")
-        for attribute in ("Env", "Wrapper", "ObservationWrapper", "RewardWrapper", "spaces"):
-            setattr(gym, attribute, getattr(gymnasium, attribute))
-        sys.modules["gym"] = gym
-    return importlib.import_module(f"gfootball.env.{name}")
+    gym = types.ModuleType("gym")
+    for attribute in ("Env", "Wrapper", "ObservationWrapper", "RewardWrapper", "spaces"):
+        setattr(gym, attribute, getattr(gymnasium, attribute))
+    with pytest.MonkeyPatch.context() as patch:
+        # TorchRL would take it for the real one, if it stayed.
+        patch.setitem(sys.modules, "gym", gym)
+        return importlib.import_module(f"gfootball.env.{name}")
 
 
 def make_gfootball_env(scenario: str, seed: int | None) -> Any:

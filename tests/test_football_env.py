@@ -18,7 +18,7 @@ from torchrl.envs.utils import check_env_specs
 
 import fbrl
 from fbrl.envs import OBSERVATION_SPACE, SCENARIOS, FootballEnv, UnknownNameError
-from fbrl.envs.engine import load_gfootball
+from fbrl.envs.engine import build_scenario, load_gfootball
 
 FORCED_PASS_AFTER = 20
 
@@ -36,7 +36,8 @@ def play_side_by_side(scenario, seed, policy, episodes, max_steps):
         if episode == 0:
             observation, _ = ours.reset(seed=seed)
         else:
-            ours._match.reset(seed, ours._episode_number + episode)
+            ours._matches.prepare(0, seed, ours._episode_number + episode)
+            ours._matches.begin([0])
             observation = ours._observe()
         raw = theirs.reset()[0]
         for step in range(max_steps):
@@ -53,7 +54,8 @@ def play_side_by_side(scenario, seed, policy, episodes, max_steps):
             assert reward == expected_reward
             assert (terminated or truncated) == done
             happened["rewards"].append(reward)
-            waited = ours._match._engine.waiting_for_game_count
+            has_ended = terminated or truncated
+            waited = 0 if has_ended else ours._matches.get_state(0).waiting_steps
             happened["longest_wait"] = max(happened["longest_wait"], waited)
             if done:
                 assert truncated == (raw["steps_left"] == 0 and not terminated)
@@ -250,7 +252,8 @@ def test_both_processing_orders_occur_in_one_environment():
     orders = set()
     for _ in range(20):
         _, info = env.reset()
-        order = env._match._engine.config.reverse_team_processing
+        config = build_scenario(env.scenario, *env._matches.episodes[0])
+        order = config.reverse_team_processing
         assert order == bool(info["engine_seed"] % 2)
         orders.add(order)
     assert orders == {False, True}
