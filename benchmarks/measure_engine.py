@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import os
 import time
@@ -12,7 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS, Match, build_scenario, load_gfootball
+from benchmarks.rounds import Contestant, run_worker
+from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS, build_scenario
+from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.matches import Matches
 
 
 @dataclass
@@ -33,15 +37,14 @@ def bare_engine(scenario: str, seconds: float, seed: int) -> dict[str, float]:
         game is in play, and ``frames_per_second`` of both as they come; all over all cores.
     """
     threads = len(os.sched_getaffinity(0))
-    episodes = record_episodes(scenario, seconds, seed)
-    gfootball = load_gfootball()
-    engines = []
-    for _ in range(threads):
-        # One after the other: the first start sets up state of the whole process.
-        engine = gfootball.engine.GameEnv()
-        engine.start_game()
-        engine.state = gfootball.engine.GameState.game_running
-        engines.append(engine)
+    recorder = Contestant(
+        scenario,
+        "recorder",
+        "benchmarks.measure_engine:record_episodes",
+        {"scenario": scenario, "seconds": seconds},
+    )
+    episodes = run_worker(recorder, seed)["episodes"]
+    engines = [start_engine() for _ in range(threads)]
 
     def play(index: int) -> _Played:
         # Each thread begins elsewhere in the list.
@@ -58,25 +61,40 @@ def bare_engine(scenario: str, seconds: float, seed: int) -> dict[str, float]:
     }
 
 
-def record_episodes(scenario: str, seconds: float, seed: int) -> list[tuple[int, int]]:
-    """Engine seed and length of matches of :func:`random_actions`, the last one cut short."""
+def start_engine() -> Any:
+    """An engine as gfootball's own environment uses it."""
+    load_gfootball()
+    gfootball_engine = importlib.import_module("gfootball_engine")
+    engine = gfootball_engine.GameEnv()
+    engine.start_game()
+    engine.state = gfootball_engine.GameState.game_running
+    return engine
+
+
+def record_episodes(scenario: str, seconds: float, seed: int) -> dict[str, Any]:
+    """Engine seed and length of matches of :func:`random_actions`, the last one cut short.
+
+    The native matches know when one ends; they are played in a process of their own, since the
+    default build's classes of a scenario are others.
+    """
     random = np.random.default_rng(seed)
-    match = Match(scenario)
+    match = Matches(scenario, 1, 1, [])
     episodes = []
     deadline = time.perf_counter() + seconds
     while time.perf_counter() < deadline:
         engine_seed = int(random.integers(2**31))
-        match.reset(engine_seed)
+        match.prepare(0, engine_seed, FIRST_EPISODE)
+        match.begin([0])
         length, ended = 0, False
         for action in random_actions(engine_seed):
-            result = match.step(action)
+            match.step([0], [action])
             length += 1
-            ended = result.terminated or result.truncated
+            ended = bool(match.not_running())
             if ended or time.perf_counter() > deadline:
                 break
         episodes.append((engine_seed, length))
     match.close()
-    return episodes
+    return {"episodes": episodes}
 
 
 def random_actions(seed: int) -> list[int]:

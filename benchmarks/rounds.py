@@ -89,7 +89,7 @@ def run_rounds(
         )
 
 
-def run_worker(contestant: Contestant, seed: int) -> dict[str, float]:
+def run_worker(contestant: Contestant, seed: int) -> dict[str, Any]:
     """Measures a contestant once, in a process of its own.
 
     Raises:
@@ -121,5 +121,5 @@ def run_worker(contestant: Contestant, seed: int) -> dict[str, float]:
                 f"{contestant.case}, {contestant.name}: exit status {process.returncode}.\n"
                 f"{process.stdout[-2000:]}{process.stderr[-4000:]}"
             )
-        figures: dict[str, float] = json.loads(result.read_text(encoding="utf-8"))
+        figures: dict[str, Any] = json.loads(result.read_text(encoding="utf-8"))
         return figures

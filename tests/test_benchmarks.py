@@ -19,7 +19,7 @@ from tensordict import TensorDict
 from benchmarks import sections
 from benchmarks.__main__ import main
 from benchmarks.builds import DEFAULT_ENGINE, Build, worker_environment
-from benchmarks.measure_engine import _replay, random_actions, record_episodes
+from benchmarks.measure_engine import _replay, random_actions, record_episodes, start_engine
 from benchmarks.measure_time_shares import OTHER, REWARD_OF_COLLECTION, Stopwatch, time_shares
 from benchmarks.measure_training import training_config
 from benchmarks.results import SectionResults, load_results, save_results
@@ -29,7 +29,8 @@ from benchmarks.stable_baselines3_network import ImpalaFeatures, MLPFeatures
 from benchmarks.tables import TABLES, write_page
 from benchmarks.targets import targets, targets_table
 from fbrl.envs import FootballEnv
-from fbrl.envs.engine import Match, load_gfootball
+from fbrl.envs.engine import FIRST_EPISODE
+from fbrl.envs.matches import Matches
 from fbrl.monitor import Monitor
 from fbrl.presets import preset_config
 from fbrl.transforms import MiniMapCells, Simple115
@@ -130,25 +131,21 @@ def test_gfootballs_own_environment_is_refused_where_ours_has_imported_it():
 
 
 def test_the_bare_engine_plays_the_recorded_matches():
-    engine_seed, length = record_episodes(THREE_VS_ONE, 0.5, SEED)[0]
-    match = Match(THREE_VS_ONE)
-    match.reset(engine_seed)
+    engine_seed, length = record_episodes(THREE_VS_ONE, 0.5, SEED)["episodes"][0]
+    match = Matches(THREE_VS_ONE, 1, 1, ["ball", "left_team"])
+    match.prepare(0, engine_seed, FIRST_EPISODE)
+    match.begin([0])
     for action in random_actions(engine_seed)[:length]:
-        match.step(action)
-    expected = ball_and_players(match._engine)
+        match.step([0], [action])
 
-    bare = Match(THREE_VS_ONE)
-    bare._engine.state = load_gfootball().engine.GameState.game_running
-    played = _replay(bare._engine, THREE_VS_ONE, [(engine_seed, length)], seconds=60)
+    engine = start_engine()
+    played = _replay(engine, THREE_VS_ONE, [(engine_seed, length)], seconds=60)
     assert (played.steps, played.resets) == (length, 1)
-    assert ball_and_players(bare._engine) == expected
-
-
-def ball_and_players(engine):
-    """Positions, of the engine that this thread stepped last."""
     info = engine.get_info()
-    things = [info.ball_position, *(p.position for p in [*info.left_team, *info.right_team])]
-    return [(thing[0], thing[1]) for thing in things]
+    observed = {key: array[0].tolist() for key, array in match.observe().items()}
+    assert observed["ball"] == [info.ball_position[axis] for axis in range(3)]
+    positions = [[player.position[0], player.position[1]] for player in info.left_team]
+    assert observed["left_team"][: len(positions)] == positions
 
 
 def test_a_stopwatch_charges_nested_calls_once_and_its_parts_add_up():
