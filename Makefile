@@ -10,15 +10,15 @@ ARGS ?=
 BIN := .venv/bin
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup train test lint docs dist bench clean
+.PHONY: help setup train test lint docs dist engine-wheel bench clean
 
 help: ## List the targets
 	@echo "Targets:"
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{printf "%-14s %s\n", $$1, $$2}'
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{printf "%-18s %s\n", $$1, $$2}'
 	@echo "Variables of train: SCENARIO=$(SCENARIO) PRESET=$(PRESET) FRAMES=$(FRAMES) SEED=$(SEED) ARGS=\"$(ARGS)\""
 	@echo "Variables of set-up: PYTHON, TORCH, NO_APT=1; see the head of scripts/setup.sh"
 
-setup: ## System packages, .venv, engine and fbrl; skips what is done (implied by train, test, lint)
+setup: ## System packages, .venv, engine and fbrl; skips what is done (others imply it)
 	@scripts/setup.sh
 
 train: setup ## Train an agent and evaluate it: SCENARIO, PRESET, FRAMES, SEED, ARGS
@@ -41,10 +41,13 @@ docs: setup ## Build the site into build/docs; a warning is an error
 	@echo "Site: build/docs/index.html"
 
 dist: setup ## Build the wheel and the source distribution into dist/, and check them
-	rm -rf dist
+	rm -f dist/*.whl dist/*.tar.gz
 	$(BIN)/python -m build
-	$(BIN)/twine check --strict dist/*
+	$(BIN)/twine check --strict dist/*.whl dist/*.tar.gz
 	$(BIN)/pytest tests/test_wheel.py tests/test_fresh_install.py
+
+engine-wheel: ## Build the engine for other machines, into dist/engine: PYTHON
+	@scripts/setup.sh --portable-wheels
 
 bench: setup ## Measure the speed against its peers and write docs/performance.md: ARGS="--quick"
 	@scripts/setup.sh --default-engine

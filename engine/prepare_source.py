@@ -51,7 +51,9 @@ def unpack(sdist: Path, target: Path) -> None:
         sys.exit(f"error: {sdist} has the sha256 {digest}, not {SHA256} as on PyPI.")
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
         with tarfile.open(sdist) as archive:
-            archive.extractall(folder, filter="data")
+            # Debian 12's Python has no filters yet, later ones warn where none is chosen.
+            archive.extraction_filter = getattr(tarfile, "data_filter", None)
+            archive.extractall(folder)
         shutil.rmtree(target, ignore_errors=True)
         Path(folder, f"gfootball-{VERSION}").rename(target)
 

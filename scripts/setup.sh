@@ -3,15 +3,15 @@
 # football engine, fbrl. `make setup` calls it; what is done already is skipped.
 #
 # Variables, all optional, and remembered for later calls in the same clone until `make clean`:
-#   PYTHON           the Python to use (default: the system's)
-#   TORCH            what pip is asked for (default: torch==2.13.0), options included
-#   ENGINE_CXXFLAGS  compiler flags of the engine     ENGINE_LDFLAGS  linker flags of the engine
+#   PYTHON  the Python to use (default: the first on PATH, if it fits, or else the system's)
+#   TORCH   what pip is asked for (default: torch==2.13.0), options included
 # NO_APT=1 leaves the system's packages alone. XDG_CACHE_HOME moves the cache of compiled engines.
 #
 # setup.sh --check only says by its exit status whether this clone is set up; setup.sh --engine-key
 # only prints the key under which the compiled engine is cached; setup.sh --engine-wheel compiles it if
-# the cache has none, and ends with the wheel's path; setup.sh --default-engine only makes
-# build/default-engine, gfootball as pip compiles it by default, which a benchmark compares with.
+# the cache has none, and ends with the wheel's path; setup.sh --portable-wheels makes of it what other
+# machines can install, in dist/engine; setup.sh --default-engine only makes build/default-engine,
+# gfootball as pip compiles it by default, which a benchmark compares with.
 set -euo pipefail
 # A ROS or conda shell sets these, and would put its own modules before the environment's.
 unset PYTHONPATH PYTHONHOME
@@ -21,7 +21,7 @@ cd "$ROOT"
 VENV=$ROOT/.venv
 STAMP=$VENV/.setup-complete
 LOG_DIR=$ROOT/build/setup
-CHOICES=(PYTHON TORCH ENGINE_CXXFLAGS ENGINE_LDFLAGS)
+CHOICES=(PYTHON TORCH)
 CLEANUP=()
 
 clean_up() {
@@ -46,19 +46,13 @@ describe_setup() {
   for name in "${CHOICES[@]}"; do printf '%s=%s\n' "$name" "${!name}"; done
   printf 'root=%s\n' "$ROOT"
   printf 'files=%s\n' "$(cat pyproject.toml scripts/setup.sh scripts/setup/*.sh | sha256sum | cut -c1-16)"
+  printf 'engine=%s %s\n' "$(source_hash "$ENGINE_SOURCE")" \
+    "$(if has_render_source; then source_hash "$RENDER_SOURCE"; fi)"
 }
 
 is_complete() {
   [[ -f $STAMP && $(<"$STAMP") == "$DESCRIPTION" ]] && "$VENV/bin/python" -c '' 2>/dev/null
 }
-
-recall_choices
-DESCRIPTION=$(describe_setup)
-# The sourced parts put defaults in place of empty choices, which are not to be remembered.
-if [[ ${1:-} == --check ]]; then
-  if is_complete; then exit 0; else exit 1; fi
-fi
-if [[ -z ${1:-} ]] && is_complete; then exit 0; fi
 
 # shellcheck source=scripts/setup/messages.sh
 . scripts/setup/messages.sh
@@ -66,34 +60,58 @@ if [[ -z ${1:-} ]] && is_complete; then exit 0; fi
 . scripts/setup/packages.sh
 # shellcheck source=scripts/setup/python.sh
 . scripts/setup/python.sh
+# shellcheck source=scripts/setup/cache.sh
+. scripts/setup/cache.sh
 # shellcheck source=scripts/setup/engine.sh
 . scripts/setup/engine.sh
+# shellcheck source=scripts/setup/portable.sh
+. scripts/setup/portable.sh
+# shellcheck source=scripts/setup/default_engine.sh
+. scripts/setup/default_engine.sh
 
+# find_python_and_packages: sets PYTHON_FOUND, and installs what the engine is compiled and played with.
+find_python_and_packages() {
+  local packages
+  look_for_python
+  mapfile -t packages < <(packages_for_matches)
+  install_packages "$LOG_DIR" "${packages[@]}"
+  if [[ -z $PYTHON_FOUND ]]; then look_for_python; fi
+  require_python
+}
+
+recall_choices
+DESCRIPTION=$(describe_setup)
 case ${1:-} in
-  "") ;;
+  "") if is_complete; then exit 0; fi ;;
+  --check)
+    if is_complete; then exit 0; else exit 1; fi
+    ;;
   --engine-key)
-    find_python
+    look_for_python
+    require_python
     engine_key "$PYTHON_FOUND"
     exit 0
     ;;
   --engine-wheel)
     mkdir -p "$LOG_DIR"
-    install_system_packages "$LOG_DIR"
-    find_python
-    ensure_engine_wheel "$PYTHON_FOUND" "$LOG_DIR"
+    find_python_and_packages
+    ensure_engine "$PYTHON_FOUND" "$LOG_DIR"
     printf '%s\n' "$ENGINE_WHEEL"
+    exit 0
+    ;;
+  --portable-wheels)
+    mkdir -p "$LOG_DIR"
+    find_python_and_packages
+    make_portable_wheels "$PYTHON_FOUND" "$LOG_DIR" "$ROOT/dist/engine"
     exit 0
     ;;
   --default-engine)
     mkdir -p "$LOG_DIR"
-    install_system_packages "$LOG_DIR"
-    find_python
-    make_default_engine "$PYTHON_FOUND" "$LOG_DIR" "$ROOT/build/default-engine"
+    make_default_engine "$VENV/bin/python" "$LOG_DIR" "$ROOT/build/default-engine"
     exit 0
     ;;
   *)
-    die "unknown argument $1" \
-      "scripts/setup.sh with no argument, --check, --engine-key, --engine-wheel or --default-engine"
+    die "unknown argument $1" "scripts/setup.sh with no argument, --check, --engine-key, --engine-wheel, --portable-wheels or --default-engine"
     ;;
 esac
 
@@ -111,8 +129,7 @@ fi
 if [[ -n $PYTHON ]] && ! command -v "$PYTHON" >/dev/null; then
   die "PYTHON=$PYTHON: no such program" "make setup PYTHON=/usr/bin/python3, or leave PYTHON out"
 fi
-install_system_packages "$LOG_DIR"
-find_python
+find_python_and_packages
 
 # Scripts in a virtual environment name its path: one that was moved is made anew.
 fresh=
@@ -126,19 +143,25 @@ pip=("$VENV/bin/python" -m pip --disable-pip-version-check)
 read -r -a torch <<<"${TORCH:-torch==2.13.0}"
 run_logged "PyTorch (${torch[0]})" "$LOG_DIR/torch.log" "${pip[@]}" install "${torch[@]}"
 
-ensure_engine_wheel "$PYTHON_FOUND" "$LOG_DIR"
-engine=$(basename "$(dirname "$ENGINE_WHEEL")")
+ensure_engine "$PYTHON_FOUND" "$LOG_DIR"
+ensure_renderer "$PYTHON_FOUND" "$LOG_DIR"
+wheels=("$ENGINE_WHEEL" ${RENDER_WHEEL:+"$RENDER_WHEEL"})
+engine=$(printf '%s\n' "${wheels[@]}")
 if [[ $(cat "$VENV/.engine" 2>/dev/null) != "$engine" ]]; then
-  # Without dependencies: the old gym that it asks for cannot be installed and is not needed.
+  # Its files have the names of ours, and go with it.
+  if "${pip[@]}" show --quiet gfootball 2>/dev/null; then
+    run_logged "gfootball out of .venv" "$LOG_DIR/engine-install.log" "${pip[@]}" uninstall -y gfootball
+  fi
+  # The version may be that of what is installed, and the code another.
   run_logged "Engine into .venv" "$LOG_DIR/engine-install.log" \
-    "${pip[@]}" install --no-deps --force-reinstall "$ENGINE_WHEEL"
+    "${pip[@]}" install --no-deps --force-reinstall "${wheels[@]}"
 fi
 
 run_logged "fbrl and its dependencies" "$LOG_DIR/fbrl.log" "${pip[@]}" install -e ".[football,density,analysis,ray,test,lint,docs,release]"
 
-if ! message=$("$VENV/bin/python" -c 'import gfootball_engine' 2>&1); then
+if ! message=$("$VENV/bin/python" -c 'import fbrl_engine' 2>&1); then
   die "the engine does not load: $(tail -n 1 <<<"$message")" \
-    "$(apt_command "${BUILD_PACKAGES[@]}") && make setup"
+    "rm -rf '$(dirname "$ENGINE_WHEEL")' && make setup"
 fi
 printf '%s\n' "$engine" >"$VENV/.engine"
 printf '%s\n' "$DESCRIPTION" >"$STAMP"

@@ -71,10 +71,10 @@ report_progress() {
   done
 }
 
-# The newest line of a log that says something to a person: cmake's percentage or pip's step.
+# The newest line of a log that says something to a person: a compiler's progress or pip's step.
 last_activity() {
   tail -c 20000 "$1" 2>/dev/null |
-    grep -oE '\[ *[0-9]+%\] [A-Z][a-z]+( [A-Z]+)? [a-z]+|(Downloading|Collecting|Installing|Building) .*' |
+    grep -oE '\[ *[0-9]+(%|/[0-9]+)\] [A-Z][a-z]+( [A-Z]+)? [a-z]+|(Downloading|Collecting|Installing|Building) .*' |
     tail -n 1 | cut -c1-60 || true
 }
 
@@ -90,11 +90,8 @@ remedy_for() {
     fi
   done <<'TABLE'
 No space left on device|free some disk space (df -h . /tmp; CPU-only torch needs about 1 GB, CUDA torch about 6 GB), then run make setup again
-Boost Python not found;Could NOT find Boost|install the Boost.Python that matches this Python (sudo apt-get install libboost-python-dev), or name a Python it was built for: make setup PYTHON=/usr/bin/python3
 No CMAKE_CXX_COMPILER could be found;c\+\+: not found;g\+\+: not found|sudo apt-get install g++
-cmake: not found;cmake: command not found|sudo apt-get install cmake
-make: not found;make: command not found|sudo apt-get install make
-fatal error: Python.h|sudo apt-get install python3-dev
+fatal error: Python.h;Could NOT find Python|sudo apt-get install python3-dev
 Could NOT find SDL2|sudo apt-get install libsdl2-dev libsdl2-image-dev libsdl2-ttf-dev libsdl2-gfx-dev
 Could NOT find OpenGL;Could NOT find EGL|sudo apt-get install libgl1-mesa-dev libegl-dev
 Killed signal terminated program;out of memory;Cannot allocate memory|free some memory (the compiler was stopped by the system; about 2 GB are needed), then run make setup again

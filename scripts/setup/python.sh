@@ -1,33 +1,10 @@
 # shellcheck shell=bash
 # shellcheck disable=SC2034  # setup.sh reads what is set here
-# Which Python to use, and the virtual environment. The engine is a Boost.Python extension, and a
-# distribution builds Boost.Python only for its own Python: that is the one looked at first, and
-# one from pyenv or conda, even first on PATH, is taken only where Boost.Python fits it.
+# Which Python to use, and the virtual environment.
 
 # python_version EXECUTABLE: "3.11"
 python_version() {
   "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null
-}
-
-# boost_python_library EXECUTABLE: path of the newest Boost.Python library made for this Python.
-boost_python_library() {
-  local version directory found
-  version=$(python_version "$1") || return 1
-  version=${version/./}
-  while IFS= read -r directory; do
-    found=$(find "$directory" -maxdepth 1 \
-      \( -name "libboost_python$version.so*" -o -name "libboost_python3-py$version.so*" \) \
-      2>/dev/null | sort -V | tail -n 1)
-    if [[ -n $found ]]; then
-      printf '%s\n' "$found"
-      return 0
-    fi
-  done < <(
-    "$1" -c 'import sysconfig; print("/usr/lib/%s" % sysconfig.get_config_var("MULTIARCH"))
-print(sysconfig.get_config_var("LIBDIR"))'
-    printf '%s\n' /usr/lib64 /usr/lib /usr/local/lib
-  )
-  return 1
 }
 
 # python_problem EXECUTABLE: why it cannot be used; nothing where it can.
@@ -39,50 +16,54 @@ python_problem() {
     echo "does not run"
   elif ! "$1" -c 'import sys; sys.exit(sys.version_info < (3, 10))'; then
     echo "is Python $version; fbrl needs 3.10 or newer"
+  elif ! "$1" -c 'import sys; sys.exit(sys.implementation.name != "cpython")'; then
+    echo "is a Python $version that is not CPython, for which torch and the engine are compiled"
   elif ! "$1" -c 'import ensurepip, venv' 2>/dev/null; then
     echo "is Python $version without the venv module (apt-get install python$version-venv)"
-  elif ! boost_python_library "$1" >/dev/null; then
-    echo "is Python $version, and no Boost.Python for $version is installed" \
-      "(found: $(installed_boost_pythons))"
   fi
 }
 
-installed_boost_pythons() {
-  local names
-  names=$(find /usr/lib /usr/lib64 /usr/local/lib -maxdepth 2 -name 'libboost_python*.so.*' \
-    -printf '%f\n' 2>/dev/null | sort -u | paste -sd ' ')
-  printf '%s' "${names:-none}"
+# has_headers EXECUTABLE: whether something can be compiled for this Python.
+has_headers() {
+  "$1" -c 'import os, sys, sysconfig
+sys.exit(not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")))'
 }
 
-# Sets PYTHON_FOUND, or stops with every candidate and what is wrong with it.
-find_python() {
-  local candidate problem candidates=() report=()
-  local package packages=(python3-venv python3-dev libboost-python-dev)
-  if [[ -n ${PYTHON:-} ]]; then
-    problem=$(python_problem "$PYTHON")
-    [[ -z $problem ]] || die "PYTHON=$PYTHON: $problem" \
-      "make setup PYTHON=/path/to/a/fitting/python3, or leave PYTHON out to have one found"
-    PYTHON_FOUND=$(command -v "$PYTHON")
-    return
-  fi
-  candidates=(/usr/bin/python3 /usr/bin/python3.1[0-9])
-  if command -v python3 >/dev/null; then candidates+=("$(command -v python3)"); fi
+# real_python EXECUTABLE: the program behind a virtual environment's, a link or a version manager's shim.
+real_python() {
+  "$1" -c 'import os, sys
+print(os.path.realpath(getattr(sys, "_base_executable", None) or sys.executable))'
+}
+
+# Sets PYTHON_FOUND to the first Python that fits, or to nothing, and PYTHON_REPORT to what is wrong
+# with each that does not.
+look_for_python() {
+  local candidate problem candidates=(python3 /usr/bin/python3 /usr/bin/python3.1[0-9])
+  if [[ -n ${PYTHON:-} ]]; then candidates=("$PYTHON"); fi
+  PYTHON_FOUND=
+  PYTHON_REPORT=()
   for candidate in "${candidates[@]}"; do
-    [[ -x $candidate ]] || continue
+    [[ -n ${PYTHON:-} ]] || command -v "$candidate" >/dev/null || continue
     problem=$(python_problem "$candidate")
     if [[ -z $problem ]]; then
-      PYTHON_FOUND=$candidate
+      PYTHON_FOUND=$(real_python "$candidate")
       return
     fi
-    report+=("$candidate $problem")
+    PYTHON_REPORT+=("$candidate $problem")
   done
-  if [[ ${#report[@]} -gt 0 ]]; then printf '  %s\n' "${report[@]}" >&2; fi
+}
+
+# Stops where there is no Python, with every candidate and what is wrong with it.
+require_python() {
+  if [[ -n $PYTHON_FOUND ]]; then return; fi
+  if [[ -n ${PYTHON:-} ]]; then
+    die "PYTHON=$PYTHON: ${PYTHON_REPORT[0]#"$PYTHON "}" \
+      "make setup PYTHON=/path/to/a/fitting/python3, or leave PYTHON out to have one found"
+  fi
+  if [[ ${#PYTHON_REPORT[@]} -gt 0 ]]; then printf '  %s\n' "${PYTHON_REPORT[@]}" >&2; fi
   # All that is missing at once: the engine would ask for the rest in the next call.
-  for package in "${NOT_INSTALLED[@]}"; do
-    [[ " ${packages[*]} " == *" $package "* ]] || packages+=("$package")
-  done
-  die "no Python that fbrl can use: it needs 3.10 or newer, with venv, and the Boost.Python for it" \
-    "$(apt_command "${packages[@]}")"
+  die "no Python that fbrl can use: it needs CPython 3.10 or newer, with the venv module" \
+    "$(apt_command "${NOT_INSTALLED[@]:-python3-venv}"), or name another one: make setup PYTHON=/path/to/python3"
 }
 
 # make_venv PYTHON VENV LOG_DIR [fresh]: a working virtual environment of that Python's version.
