@@ -38,6 +38,8 @@ repair_wheel() {
   run_logged "$label" "$log" env PATH="$tools/bin:$PATH" \
     "$tools/bin/python" -m auditwheel repair --strip --wheel-dir "$staging" "$wheel"
   REPAIRED=$target/$(cd "$staging" && echo *.whl)
+  # One of an older system, or of other code, would be taken in its place.
+  rm -f "${REPAIRED%%-manylinux*}"-*.whl
   mv "$staging"/*.whl "$REPAIRED"
   say "$label: $REPAIRED, $(stat -c %s "$REPAIRED" | awk '{printf "%.1f MB", $1 / 1e6}')"
 }
