@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import json
 import os
+import platform
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,7 +18,7 @@ from conftest import needs_engine
 from fbrl import doctor
 from fbrl.cli.doctor import main
 from fbrl.doctor import CHECKS, RENDERING, Check, CheckError, CheckResult, run_check
-from fbrl.doctor.checks import check_packages, check_system_libraries
+from fbrl.doctor.checks import check_engine, check_packages, check_rendering
 
 CHECK = {check.name: check for check in CHECKS}
 COMMAND = [sys.executable, "-c", "import sys; from fbrl.cli.doctor import main; sys.exit(main())"]
@@ -24,7 +26,7 @@ COMMAND = [sys.executable, "-c", "import sys; from fbrl.cli.doctor import main; 
 
 def shadow_engine(directory: Path, source: str) -> str:
     """Puts a module of the engine's name before the real one; returns its PYTHONPATH."""
-    package = directory / "gfootball_engine"
+    package = directory / "fbrl_engine"
     package.mkdir()
     (package / "__init__.py").write_text(source)
     return str(directory)
@@ -45,7 +47,7 @@ def test_a_working_installation_passes_and_its_report_is_json() -> None:
 
 
 def test_a_broken_engine_fails_with_a_remedy_and_hides_nothing_else(tmp_path: Path) -> None:
-    path = shadow_engine(tmp_path, "raise ImportError('libSDL2-2.0.so.0: cannot open [it]')")
+    path = shadow_engine(tmp_path, "raise ImportError('libm.so.6: cannot open [it]')")
     process = subprocess.run(
         [*COMMAND, "--json", "--no-render"],
         capture_output=True,
@@ -57,7 +59,7 @@ def test_a_broken_engine_fails_with_a_remedy_and_hides_nothing_else(tmp_path: Pa
     assert report["ok"] is False
     checks = {check["name"]: check for check in report["checks"]}
     assert checks["engine import"]["status"] == "fail"
-    assert checks["engine import"]["detail"] == "ImportError: libSDL2-2.0.so.0: cannot open [it]"
+    assert checks["engine import"]["detail"] == "ImportError: libm.so.6: cannot open [it]"
     assert "make setup" in checks["engine import"]["remedy"]
     assert checks["match step"]["status"] == "fail"
     assert checks["densities"]["status"] == checks["TensorBoard"]["status"] == "ok"
@@ -101,25 +103,40 @@ def test_a_module_in_the_working_directory_is_not_taken_for_a_package(
     assert run_check(CHECK["torch and device"]).status != "fail"
 
 
-@needs_engine
-def test_missing_libraries_are_named_with_their_debian_packages(
+def test_an_engine_of_a_newer_system_is_to_be_compiled_on_this_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ldd = tmp_path / "ldd"
-    ldd.write_text(
-        "#!/bin/sh\n"
-        "echo '	libSDL2_gfx-1.0.so.0 => not found'\n"
-        "echo '	libboost_python311.so.1.74.0 => not found'\n"
-        "echo '	libboost_filesystem.so.1.83.0 => not found'\n"
-        "echo '	libm.so.6 => /lib/libm.so.6 (0x1)'\n"
-    )
-    ldd.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    with pytest.raises(CheckError, match=r"libSDL2_gfx-1\.0\.so\.0, libboost_python311") as error:
-        check_system_libraries()
-    packages = "libsdl2-gfx-1.0-0 libboost-python1.74.0 libboost-filesystem1.83.0"
-    assert f"sudo apt-get install {packages}`" in error.value.remedy
-    assert "libm.so.6" not in error.value.detail
+    source = "raise ImportError(\"libc.so.6: version `GLIBC_2.99' not found (required by it)\")"
+    monkeypatch.setenv("PYTHONPATH", shadow_engine(tmp_path, source))
+    result = run_check(CHECK["engine import"])
+    assert result.status == "fail"
+    assert "GLIBC_2.99" in result.detail
+    assert "compiled on a newer system" in result.remedy
+
+
+def test_an_engine_of_another_python_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", shadow_engine(tmp_path, "from fbrl_engine import _native"))
+    result = run_check(CHECK["engine import"])
+    assert result.status == "fail"
+    assert f"isn't for CPython {platform.python_version()}" in result.detail
+    assert "make engine-wheel" in result.remedy
+
+
+def test_gfootball_installed_over_the_engine_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "2.10.2")
+    with pytest.raises(CheckError, match=r"gfootball 2\.10\.2 is installed too") as error:
+        check_engine()
+    assert "pip uninstall -y gfootball" in error.value.remedy
+    assert "--force-reinstall" in error.value.remedy
+
+
+def test_without_the_renderer_only_videos_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(CheckError, match="fbrl-engine-render isn't installed") as error:
+        check_rendering()
+    assert error.value.status == "warn"
 
 
 def test_a_package_of_a_version_that_does_not_fit_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

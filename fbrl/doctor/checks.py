@@ -9,7 +9,6 @@ import importlib.metadata
 import importlib.util
 import os
 import platform
-import re
 import subprocess
 import sys
 import tempfile
@@ -23,19 +22,9 @@ Status = Literal["ok", "warn", "fail"]
 
 _REBUILD = "rebuild the environment: `make clean && make setup`"
 
-# Debian's and Ubuntu's packages of the libraries that the engine is linked to.
-_LIBRARY_PACKAGES = {
-    r"libSDL2-2\.0": "libsdl2-2.0-0",
-    r"libSDL2_image": "libsdl2-image-2.0-0",
-    r"libSDL2_ttf": "libsdl2-ttf-2.0-0",
-    r"libSDL2_gfx": "libsdl2-gfx-1.0-0",
-    r"libEGL\.": "libegl1",
-    r"libGL\.": "libgl1",
-    r"libOpenGL\.": "libopengl0",
-    r"libpython(\d+\.\d+)\.so": r"libpython\1",
-    r"libboost_python\d+\.so\.(.+)": r"libboost-python\1",
-    r"libboost_(\w+)\.so\.(.+)": r"libboost-\1\2",
-}
+_ENGINE_REMEDY = (
+    "run `make setup` in a clone of fbrl, or `pip install` a wheel that `make engine-wheel` made there"
+)
 
 
 class CheckError(Exception):
@@ -95,38 +84,42 @@ def check_packages() -> str:
     return f"Python {platform.python_version()} at {sys.executable}, all packages fit"
 
 
-def check_system_libraries() -> str:
-    """Whether the dynamic linker finds every library that the compiled engine is linked to."""
-    spec = importlib.util.find_spec("gfootball_engine")
-    if spec is None or spec.origin is None:
-        raise CheckError("the engine (gfootball_engine) isn't installed", "run `make setup`")
-    library = Path(spec.origin).parent / "_gameplayfootball.so"
-    if not library.exists():
-        raise CheckError(f"{library} is missing: the engine wasn't compiled", _REBUILD)
-    listing = subprocess.run(["ldd", str(library)], capture_output=True, text=True, check=False)
-    if listing.returncode != 0:
-        raise CheckError(f"ldd can't read {library}: {listing.stderr.strip()}", _REBUILD)
-    missing = re.findall(r"^\s*(\S+) => not found", listing.stdout, flags=re.MULTILINE)
-    if missing:
-        packages = [package for name in missing if (package := _debian_package(name))]
-        install = f"`sudo apt-get install {' '.join(packages)}`, or " if packages else ""
-        raise CheckError(f"not found: {', '.join(missing)}", install + _REBUILD)
-    return f"all {len(listing.stdout.splitlines())} libraries of the engine found"
-
-
-def _debian_package(library: str) -> str | None:
-    for pattern, package in _LIBRARY_PACKAGES.items():
-        if match := re.match(pattern, library):
-            return match.expand(package).replace("_", "-")
-    return None
-
-
 def check_engine() -> str:
-    """Whether the engine can be imported."""
+    """Whether the engine can be imported, and no gfootball has been installed over it."""
+    if version := _installed_version("gfootball"):
+        raise CheckError(
+            f"gfootball {version} is installed too, and its files have the names of fbrl-engine's",
+            "`pip uninstall -y gfootball`, then install fbrl-engine anew: "
+            "`rm .venv/.engine .venv/.setup-complete; make setup`, or "
+            "`pip install --force-reinstall --no-deps` its wheel",
+        )
     from fbrl.envs.gfootball_import import load_gfootball
 
-    load_gfootball()
-    return f"gfootball {importlib.metadata.version('gfootball')}"
+    try:
+        load_gfootball()
+    except ImportError as error:
+        cause = " ".join(str(error.__cause__ or error).split())
+        if "GLIBC" in cause:
+            raise CheckError(
+                cause,
+                "this engine was compiled on a newer system: compile it on this one, or on the "
+                "oldest that it shall run on, with `make setup` or `make engine-wheel`",
+            ) from error
+        if importlib.util.find_spec("fbrl_engine") and "fbrl_engine._native" in cause:
+            raise CheckError(
+                f"the installed engine isn't for {platform.python_implementation()} "
+                f"{platform.python_version()} on {platform.machine()}",
+                _ENGINE_REMEDY,
+            ) from error
+        raise
+    return f"fbrl-engine {_installed_version('fbrl-engine') or 'from a folder'}"
+
+
+def _installed_version(distribution: str) -> str | None:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def check_match() -> str:
@@ -239,6 +232,12 @@ def check_densities() -> str:
 
 def check_rendering() -> str:
     """Renders one frame with no display, as videos are made."""
+    if importlib.util.find_spec("fbrl_engine_render") is None:
+        raise CheckError(
+            "fbrl-engine-render isn't installed: `fbrl-watch` makes no 3D videos",
+            f"{_ENGINE_REMEDY}, on a machine with SDL's and EGL's headers; see docs/watch.md",
+            "warn",
+        )
     from fbrl.envs.rendering import render_frame
 
     frame = render_frame("academy_empty_goal_close", seed=0, width=320, height=180)
@@ -255,8 +254,7 @@ RENDERING = "headless rendering"
 
 CHECKS: tuple[Check, ...] = (
     Check("Python packages", check_packages, "run `make setup`"),
-    Check("system libraries", check_system_libraries, _REBUILD),
-    Check("engine import", check_engine, "run `make setup`; mend the system libraries first"),
+    Check("engine import", check_engine, _ENGINE_REMEDY),
     Check("match step", check_match, f"mend the engine import first; else {_REBUILD}"),
     Check("allocator", check_allocator, _TCMALLOC_REMEDY, needed=False),
     Check("torch and device", check_torch, "`pip install 'torch>=2.7'`, or run `make setup`"),
