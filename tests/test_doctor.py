@@ -106,7 +106,7 @@ def test_a_module_in_the_working_directory_is_not_taken_for_a_package(
 def test_an_engine_of_a_newer_system_is_to_be_compiled_on_this_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = "raise ImportError(\"libc.so.6: version `GLIBC_2.99' not found (required by it)\")"
+    source = 'raise ImportError("libc.so.6: version `GLIBC_2.99\' not found (required by it)")'
     monkeypatch.setenv("PYTHONPATH", shadow_engine(tmp_path, source))
     result = run_check(CHECK["engine import"])
     assert result.status == "fail"

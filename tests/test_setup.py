@@ -313,7 +313,8 @@ AUDITWHEEL = """
 run_logged() { shift 2; "$@"; }
 make_wheel_tools() {
   mkdir -p "$2/bin"
-  echo 'echo "3.11"; case $3 in repair) cp "$7" "$6/fbrl_engine-1-cp311-manylinux_2_34.whl" ;; esac' \
+  printf '%s\n' 'echo "3.11"' \
+    'case $3 in repair) cp "$7" "$6/fbrl_engine-1-cp311-manylinux_2_34.whl" ;; esac' \
     >"$2/bin/python"
   chmod +x "$2/bin/python"
 }

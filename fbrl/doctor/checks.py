@@ -22,9 +22,7 @@ Status = Literal["ok", "warn", "fail"]
 
 _REBUILD = "rebuild the environment: `make clean && make setup`"
 
-_ENGINE_REMEDY = (
-    "run `make setup` in a clone of fbrl, or `pip install` a wheel that `make engine-wheel` made there"
-)
+_ENGINE_REMEDY = "run `make setup` in fbrl's repository, or install what `make engine-wheel` made"
 
 
 class CheckError(Exception):
