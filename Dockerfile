@@ -8,8 +8,8 @@
 #
 #   docker build -t fbrl:cuda --build-arg BASE=nvidia/cuda:12.8.1-base-ubuntu22.04 .
 #
-# Docker 23 or newer, or Podman. The compiled engine and pip's downloads are kept in a cache of the
-# builder, outside the image: only the first build takes long.
+# Docker 23 or newer, or Podman. The compiled engine is kept in a cache of the builder, outside the
+# image.
 #
 # BASE   any image of Debian 12 or 13, or of Ubuntu 22.04 or 24.04
 # TORCH  what pip is asked for, options included: the CUDA build of PyTorch as the package index has
