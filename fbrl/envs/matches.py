@@ -76,7 +76,7 @@ class Matches:
         spaces = {key: OBSERVATION_SPACE[key] for key in keys}
         self._keys = list(spaces)
         self.arrays: dict[str, Any] = {
-            **{k: np.zeros((num_matches, *s.shape), s.dtype) for k, s in spaces.items()},
+            **{k: np.zeros((num_matches, *(s.shape or ())), s.dtype) for k, s in spaces.items()},
             **{key: np.zeros(num_matches, dtype) for key, dtype in _RESULTS.items()},
         }
         self._rows = engine.Rows(self.arrays)
