@@ -115,7 +115,8 @@ def _load_gfootball_env() -> types.ModuleType:
         # TorchRL and Stable-Baselines3 would take the stand-in for gym itself.
         for name in ("gym", "gym.spaces", "gym.envs", "gym.envs.registration"):
             del sys.modules[name]
-    if not issubclass(module.wrappers.SMMWrapper, OldObservationWrapper):
+    wrappers = getattr(module, "wrappers", None)
+    if wrappers is None or not issubclass(wrappers.SMMWrapper, OldObservationWrapper):
         raise RuntimeError(
             "gfootball is already imported in this process, on another stand-in for gym: "
             "make its own environment in a process that has not imported fbrl.envs.engine's."

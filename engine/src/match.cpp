@@ -154,7 +154,8 @@ void Match::restore(const MatchState &state) {
   const std::size_t constant = kConstantPartEnd - kConstantPart;
   if (engine.size() < kConstantPartEnd || engine.size() > kLargestState ||
       engine.compare(kConstantPart, constant, fresh, kConstantPart, constant) != 0) {
-    throw std::invalid_argument("the engine's state is not that of a match of this scenario and seed");
+    throw std::invalid_argument("the engine's state, of " + std::to_string(engine.size()) +
+                                " bytes, is not that of a match of this scenario and seed");
   }
   env_->set_state(engine);
   env_->waiting_for_game_count = state.waiting_steps;

@@ -269,7 +269,11 @@ void bind_matches(nb::module_ &module) {
            "match"_a, "What a running match goes on from, as send_restore() takes it.")
       .def("is_running", [](PyMatches &matches, int match) { return open(matches)->is_running(match); },
            "match"_a, "Whether the match's episode has begun and not ended.")
-      .def("in_hand", [](PyMatches &matches) { return open(matches)->in_hand(); },
+      .def("in_hand",
+           [](PyMatches &matches) {
+             // Asked of all that there are, closed ones too.
+             return matches.pool ? matches.pool->in_hand() : decltype(matches.pool->in_hand()){};
+           },
            "What is being played now: a number that no other work has, and the match in words.")
       .def("disturb",
            [](PyMatches &matches, std::optional<fbrl::Disturbance> disturbance) {
