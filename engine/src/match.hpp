@@ -33,6 +33,9 @@ class Match {
   // An engine is taken or started by the first reset, on the thread that calls it.
   explicit Match(std::string data_dir) : data_dir_(std::move(data_dir)) {}
 
+  // Plays in an engine that was started, which stays the caller's as well.
+  explicit Match(GameEnv *engine) : data_dir_(engine->game_config.data_dir), env_(engine) {}
+
   // Starts an episode and steps on until the game is in play.
   void reset(ScenarioConfig config);
 
