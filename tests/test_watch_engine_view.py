@@ -11,8 +11,9 @@ import psutil
 import pytest
 from watching import recorded_matches
 
-from fbrl.watch import engine_view
-from fbrl.watch.engine_view import EngineView, RenderingError
+from fbrl.envs import engine_pictures
+from fbrl.envs.engine_pictures import RenderingError
+from fbrl.watch.engine_view import EngineView
 from fbrl.watch.pitch_view import PitchView
 from fbrl.watch.views import open_view
 
@@ -30,7 +31,7 @@ def shortened(recording, steps):
 def rendering_processes():
     """Those that this process has started; other tests leave helpers of multiprocessing behind."""
     alive = [p for p in psutil.Process().children() if p.status() != psutil.STATUS_ZOMBIE]
-    return [p for p in alive if "fbrl.watch.render_process" in p.cmdline()]
+    return [p for p in alive if "fbrl.envs.render_process" in p.cmdline()]
 
 
 def test_matches_are_drawn_from_above_and_by_the_engine_in_step():
@@ -84,7 +85,7 @@ def test_a_process_that_dies_is_an_error_with_its_reason(tmp_path, monkeypatch, 
 
 
 def test_a_process_that_draws_nothing_is_not_waited_for_without_end(monkeypatch):
-    monkeypatch.setattr(engine_view, "SECONDS_OF_PATIENCE", 0.05)
+    monkeypatch.setattr(engine_pictures, "SECONDS_OF_PATIENCE", 0.05)
     started = time.monotonic()
     with (
         EngineView(160, 90) as view,

@@ -128,7 +128,7 @@ def _main(options: argparse.Namespace) -> None:
     _check(options)
     check_video_packages()
     # Seconds of imports, which a mistyped option needn't wait for.
-    from fbrl.watch.engine_view import RenderingError
+    from fbrl.envs.engine_pictures import RenderingError
 
     try:
         matches, frames = _make_video(options)

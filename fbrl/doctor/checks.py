@@ -236,9 +236,11 @@ def check_rendering() -> str:
             f"{_ENGINE_REMEDY}, on a machine with SDL's and EGL's headers; see docs/watch.md",
             "warn",
         )
-    from fbrl.envs.rendering import render_frame
+    from fbrl.envs.engine import FIRST_EPISODE
+    from fbrl.envs.engine_pictures import EnginePictures
 
-    frame = render_frame("academy_empty_goal_close", seed=0, width=320, height=180)
+    with EnginePictures(320, 180) as pictures:
+        ((_, frame),) = pictures.play(("academy_empty_goal_close", 0, FIRST_EPISODE))
     if frame.std() < 1.0:
         raise CheckError(f"the frame {frame.shape} is of one colour", _RENDER_REMEDY)
     return f"a frame of {frame.shape[1]}x{frame.shape[0]} pixels rendered off-screen"
