@@ -9,13 +9,13 @@ import pytest
 from watching import recorded_matches
 
 from fbrl.density import AssistDensity
-from fbrl.watch.pitch_view import (
+from fbrl.drawing.match_picture import (
     BALL_COLOUR,
     CONTROLLED_COLOUR,
     LEFT_COLOUR,
     RIGHT_COLOUR,
-    PitchView,
 )
+from fbrl.watch.pitch_view import PitchView
 
 
 @pytest.fixture(scope="module")

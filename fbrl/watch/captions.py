@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fbrl.watch.canvas import text
-from fbrl.watch.panels import SECONDS_PER_STEP
+from fbrl.drawing.canvas import text
+from fbrl.drawing.header import SECONDS_PER_STEP
 from fbrl.watch.recording import MatchRecording
 from fbrl.watch.views import View
 

@@ -1,29 +1,18 @@
-"""What is written around the pitch: score and clock, the action held, the reward's parts."""
+"""What is written below the pitch: the action held, the reward's parts."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from fbrl.drawing.canvas import Colour, arrow, circle, rectangle, text
+from fbrl.drawing.header import FAINT, HIGHLIGHT, TEXT
 from fbrl.envs.actions import ACTION_NAMES
-from fbrl.watch.canvas import Colour, arrow, circle, rectangle, text, text_width
 from fbrl.watch.recording import MatchRecording
 
 _ACTIONS = (*(name.replace("_", " ") for name in ACTION_NAMES), "built-in AI")
 
-GAME_MODES = ("", "kick-off", "goal kick", "free kick", "corner", "throw-in", "penalty")
-"""Names of ``game_mode``; normal play needs none."""
-
-SECONDS_PER_STEP = 0.1
-
-_SMALLEST_LETTERS = 7
-
-_TEXT: Colour = (232, 237, 242)
-_FAINT: Colour = (132, 143, 155)
 _DARK: Colour = (38, 45, 53)
 _LANE: Colour = (33, 39, 46)
-_LEFT: Colour = (74, 140, 255)
-_RIGHT: Colour = (240, 84, 84)
-_HIGHLIGHT: Colour = (255, 235, 59)
 _NEGATIVE: Colour = (240, 84, 84)
 
 _PART_COLOURS: dict[str, Colour] = {
@@ -38,45 +27,6 @@ _DIRECTIONS = np.array(
     [(-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1)], float
 )
 _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
-
-
-class Header:
-    """Scenario, score, and clock, across the top.
-
-    Args:
-        width: Pixels.
-        height: Likewise.
-    """
-
-    def __init__(self, width: int, height: int) -> None:
-        self._width, self._height = width, height
-
-    def draw_names(self, frame: np.ndarray, recording: MatchRecording) -> None:
-        """Draws what stays the same through a match."""
-        middle, left, size = self._height / 2, 0.35 * self._height, 0.32 * self._height
-        room = self._width / 2 - 1.7 * self._height - left
-        size = min(size, size * room / text_width(recording.scenario, size))
-        if size >= _SMALLEST_LETTERS:
-            text(frame, (left, middle), recording.scenario, size, _FAINT)
-        for side, colour in ((-1, _LEFT), (1, _RIGHT)):
-            centre = (self._width / 2 + side * 1.35 * self._height, middle)
-            circle(frame, centre, 0.16 * self._height, colour)
-
-    def draw(self, frame: np.ndarray, recording: MatchRecording, index: int) -> None:
-        """Draws the score and the clock of a state."""
-        left, right = recording.observations["score"][index].tolist()
-        middle = self._height / 2
-        size = 0.52 * self._height
-        text(frame, (self._width / 2, middle), f"{left} : {right}", size, _TEXT, anchor="mm",
-             bold=True)  # fmt: skip
-        seconds = index * SECONDS_PER_STEP
-        clock = f"{int(seconds // 60)}:{seconds % 60:04.1f}"
-        edge = self._width - 0.35 * self._height
-        text(frame, (edge, middle), clock, 0.4 * self._height, _TEXT, anchor="rm", bold=True)
-        mode = GAME_MODES[int(recording.observations["game_mode"][index])]
-        if mode:
-            text(frame, (edge - 2.2 * self._height, middle), mode, 0.32 * self._height, _HIGHLIGHT,
-                 anchor="rm")  # fmt: skip
 
 
 class ActionPanel:
@@ -95,18 +45,18 @@ class ActionPanel:
         unit = self._unit
         left, top = self._corner[0] + 18 * unit, self._corner[1]
         name = _ACTIONS[recording.actions[index - 1]] if index else ""
-        text(frame, (left, top + 22 * unit), "ACTION", 11 * unit, _FAINT, bold=True)
-        text(frame, (left, top + 43 * unit), name, 18 * unit, _TEXT, bold=True)
+        text(frame, (left, top + 22 * unit), "ACTION", 11 * unit, FAINT, bold=True)
+        text(frame, (left, top + 43 * unit), name, 18 * unit, TEXT, bold=True)
         held = recording.observations["sticky_actions"][index]
         centre = (left + 24 * unit, top + 90 * unit)
         circle(frame, centre, 24 * unit, _DARK)
         for direction in _DIRECTIONS[held[:8] == 1]:
             tail, tip = (np.array(centre) + sign * 16 * unit * direction for sign in (-1, 1))
-            arrow(frame, tail, tip, _HIGHLIGHT, max(1, round(3 * unit)))
+            arrow(frame, tail, tip, HIGHLIGHT, max(1, round(3 * unit)))
         for row, (word, flag) in enumerate((("sprint", held[8]), ("dribble", held[9]))):
             height = top + (78 + 25 * row) * unit
-            circle(frame, (left + 68 * unit, height), 5 * unit, _HIGHLIGHT if flag else _DARK)
-            colour = _TEXT if flag else _FAINT
+            circle(frame, (left + 68 * unit, height), 5 * unit, HIGHLIGHT if flag else _DARK)
+            colour = TEXT if flag else FAINT
             text(frame, (left + 81 * unit, height), word, 13 * unit, colour)
 
 
@@ -179,9 +129,9 @@ class RewardStrip:
             height = chart.shape[0]
             lane = frame[top : top + height, self._chart_left :]
             lane[:, :now] = chart[:, :now]
-            lane[:, max(0, now - 1) : now] = _FAINT
+            lane[:, max(0, now - 1) : now] = FAINT
             middle = top + height / 2
-            text(frame, (self._value_right, middle), _amount(sums[index]), 13 * self._unit, _TEXT,
+            text(frame, (self._value_right, middle), _amount(sums[index]), 13 * self._unit, TEXT,
                  anchor="rm")  # fmt: skip
 
 

@@ -1,0 +1,1 @@
+"""A state of a match, drawn from above."""
