@@ -14,6 +14,14 @@ from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS
 from fbrl.envs.episode_seeds import check_seed, draw_seed
 from fbrl.envs.matches import Matches
 from fbrl.envs.observation import Observation, select_space
+from fbrl.envs.rendering import (
+    DRAWN_KEYS,
+    RENDER_METADATA,
+    EpisodeInEngine,
+    View,
+    check_render_mode,
+    draw_from_above,
+)
 from fbrl.envs.scenarios import check_scenario
 
 
@@ -26,10 +34,14 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         scenario: A name in :data:`fbrl.envs.SCENARIOS`, or of one's own scenario module.
         observation_keys: Keys to observe, all of them by default: a smaller observation is
             faster. See :mod:`fbrl.envs.observation` for their meaning.
+        render_mode: ``"rgb_array"`` for pictures by :meth:`render`.
+        view: What they show: the match from above (``"2d"``), or as the engine itself draws it
+            (``"3d"``), which needs the package fbrl-engine-render.
 
     Raises:
-        UnknownNameError: There is no such scenario.
+        UnknownNameError: There is no such scenario, render mode or view.
         EngineNotInstalledError: gfootball is missing.
+        MissingExtraError: Packages that pictures need are missing.
 
     The action is an index into gfootball's default action set of 19; a step plays 100 ms. The
     reward is the change of the goal difference. ``terminated`` says that a rule of the scenario
@@ -46,15 +58,30 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         >>> observation, reward, terminated, truncated, info = env.step(5)
         >>> observation["ball"].shape
         (3,)
+
+        A video of each episode::
+
+            env = gymnasium.make("fbrl/academy_corner-v0", render_mode="rgb_array")
+            env = gymnasium.wrappers.RecordVideo(env, "videos", lambda episode: True)
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (the base class's type)
+    metadata = RENDER_METADATA
 
-    def __init__(self, scenario: str, observation_keys: Iterable[str] | None = None) -> None:
+    def __init__(
+        self,
+        scenario: str,
+        observation_keys: Iterable[str] | None = None,
+        *,
+        render_mode: str | None = None,
+        view: View = "2d",
+    ) -> None:
         self.scenario = check_scenario(scenario)
+        self.render_mode = check_render_mode(render_mode, view)
         self.observation_space: spaces.Dict = select_space(observation_keys)
         self.action_space = spaces.Discrete(NUM_ACTIONS)
-        self._matches = Matches(scenario, 1, 1, self.observation_space)
+        drawn_keys = DRAWN_KEYS if self.render_mode else ()
+        self._matches = Matches(scenario, 1, 1, self.observation_space, drawn_keys)
+        self._in_engine = EpisodeInEngine(scenario) if render_mode and view == "3d" else None
         self._episode_number = FIRST_EPISODE - 1
 
     def reset(
@@ -79,6 +106,8 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
             self._episode_number = FIRST_EPISODE
         self._matches.prepare(0, engine_seed, self._episode_number)
         self._matches.begin([0])
+        if self._in_engine:
+            self._in_engine.begin(engine_seed, self._episode_number)
         return self._observe(), {"engine_seed": engine_seed}
 
     def step(
@@ -101,6 +130,8 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
                 "after an episode's end."
             )
         self._matches.step([0], [int(action)])
+        if self._in_engine:
+            self._in_engine.step(int(action))
         arrays = self._matches.arrays
         terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
         return self._observe(), float(arrays["reward"][0]), terminated, truncated, {}
@@ -108,6 +139,24 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
     def _observe(self) -> Observation:
         return {key: array[0] for key, array in self._matches.observe().items()}
 
+    def render(self) -> np.ndarray | None:
+        """Draws the last state; after an episode's end that is the one that ended it.
+
+        Returns:
+            Red, green and blue, uint8 (height, width, 3); ``None`` without a render mode.
+
+        Raises:
+            RenderingError: The engine can't draw (view 3d).
+        """
+        if self.render_mode is None:
+            return None
+        if self._in_engine:
+            return self._in_engine.draw()
+        arrays = self._matches.arrays
+        return draw_from_above(self.scenario, {key: arrays[key][0] for key in DRAWN_KEYS})
+
     def close(self) -> None:
         """Hands the engine on to the next match of this process."""
         self._matches.close()
+        if self._in_engine:
+            self._in_engine.close()

@@ -55,6 +55,7 @@ class Matches:
         num_matches: How many.
         num_threads: How many threads play them, without Python's lock.
         keys: What is observed, names in :data:`~fbrl.envs.observation.OBSERVATION_SPACE`.
+        drawn_keys: What else :attr:`arrays` have, to be drawn.
 
     Attributes:
         arrays: What was observed last, shape (num_matches, ...) for each key. Besides, of the last
@@ -68,13 +69,18 @@ class Matches:
     """
 
     def __init__(
-        self, scenario: str, num_matches: int, num_threads: int, keys: Iterable[str]
+        self,
+        scenario: str,
+        num_matches: int,
+        num_threads: int,
+        keys: Iterable[str],
+        drawn_keys: Iterable[str] = (),
     ) -> None:
         engine = load_gfootball().engine
         self.scenario = scenario
         self.native = engine.Matches(scenario, num_matches, num_threads)
-        spaces = {key: OBSERVATION_SPACE[key] for key in keys}
-        self._keys = list(spaces)
+        self._keys = list(keys)
+        spaces = {key: OBSERVATION_SPACE[key] for key in (*self._keys, *drawn_keys)}
         self.arrays: dict[str, Any] = {
             **{k: np.zeros((num_matches, *(s.shape or ())), s.dtype) for k, s in spaces.items()},
             **{key: np.zeros(num_matches, dtype) for key, dtype in _RESULTS.items()},

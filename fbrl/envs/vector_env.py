@@ -20,6 +20,7 @@ from fbrl.envs.engine import NUM_ACTIONS
 from fbrl.envs.episode_seeds import EpisodeSeeds, spread_seed
 from fbrl.envs.matches import Matches, MatchState
 from fbrl.envs.observation import Observation, select_space
+from fbrl.envs.rendering import DRAWN_KEYS, RENDER_METADATA, check_render_mode, draw_from_above
 from fbrl.envs.scenarios import check_scenario
 
 ActionSet = Literal["default", "v2"]
@@ -120,17 +121,24 @@ class FootballVectorEnv(MatchesVectorEnv):
             ``num_envs``.
         observation_keys: As for :class:`FootballEnv`.
         action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
+        render_mode: As for :class:`FootballEnv`; the matches are seen from above.
 
     Raises:
         ValueError: ``num_envs`` or ``num_threads`` is not positive, or a key is unknown.
         TypeError: One of these is no integer, or the keys are no list of names.
-        UnknownNameError: There is no such scenario.
+        UnknownNameError: There is no such scenario or render mode.
         EngineNotInstalledError: gfootball is missing.
+        MissingExtraError: Packages that pictures need are missing.
 
     Matches do not start again by themselves (``AutoresetMode.DISABLED``): after an episode's
     end, call ``reset(options={"reset_mask": mask})``. TorchRL's ``GymWrapper`` does so. With
     any other mode TorchRL would lose the last state of each episode.
     """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (the base class's type)
+        **MatchesVectorEnv.metadata,
+        **RENDER_METADATA,
+    }
 
     def __init__(
         self,
@@ -139,14 +147,17 @@ class FootballVectorEnv(MatchesVectorEnv):
         num_threads: int | None = None,
         observation_keys: Iterable[str] | None = None,
         action_set: ActionSet = "default",
+        *,
+        render_mode: str | None = None,
     ) -> None:
         num_envs = check_count("num_envs", num_envs)
         if num_threads is not None:
             num_threads = check_count("num_threads", num_threads)
         super().__init__(scenario, num_envs, observation_keys, action_set)
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
-        keys = self.single_observation_space
-        self._matches = Matches(scenario, num_envs, self.num_threads, keys)
+        self.render_mode = check_render_mode(render_mode)
+        keys, drawn_keys = self.single_observation_space, DRAWN_KEYS if render_mode else ()
+        self._matches = Matches(scenario, num_envs, self.num_threads, keys, drawn_keys)
         self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
         self._first_match = 0
         # What each match begins at its end, while the other ones are still stepped.
@@ -219,6 +230,21 @@ class FootballVectorEnv(MatchesVectorEnv):
             self._matches.arrays[key].copy() for key in ("reward", "terminated", "truncated")
         ]
         return self._matches.observe(), *results, {}
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Draws what each match came to last, see :meth:`FootballEnv.render`.
+
+        Returns:
+            For each match red, green and blue, uint8 (height, width, 3); ``None`` without a render
+            mode.
+        """
+        if self.render_mode is None:
+            return None
+        arrays = self._matches.arrays
+        return tuple(
+            draw_from_above(self.scenario, {key: arrays[key][index] for key in DRAWN_KEYS})
+            for index in range(self.num_envs)
+        )
 
     def get_state(self) -> list[dict[str, Any]]:
         """See :meth:`MatchesVectorEnv.get_state`."""

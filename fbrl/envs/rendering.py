@@ -1,0 +1,124 @@
+"""What ``render()`` of the environments returns: a match from above, or as the engine draws it."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from fbrl.checks.extras import MissingExtraError, missing_packages
+from fbrl.checks.names import check_name
+from fbrl.envs.engine_pictures import EnginePictures
+
+if TYPE_CHECKING:
+    from fbrl.drawing.match_picture import MatchPicture
+
+RenderMode = Literal["rgb_array"]
+View = Literal["2d", "3d"]
+"""From above, some milliseconds a picture; or the engine's own, some tenths of a second."""
+
+RENDER_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+WIDTH = 640
+"""Of the pictures, pixels."""
+
+DRAWN_KEYS = (
+    "ball",
+    "left_team",
+    "left_team_direction",
+    "left_team_active",
+    "left_team_roles",
+    "right_team",
+    "right_team_direction",
+    "right_team_active",
+    "right_team_roles",
+    "active",
+    "game_mode",
+    "score",
+    "steps_left",
+)
+"""What of an observation is seen from above."""
+
+_PACKAGES = ("cv2", "matplotlib", "mplsoccer")
+
+
+def check_render_mode(render_mode: str | None, view: str = "2d") -> RenderMode | None:
+    """The render mode, if there is such a one and its view can be drawn.
+
+    Raises:
+        UnknownNameError: There is no such mode or view.
+        MissingExtraError: Packages are missing.
+    """
+    check_name("view", view, ("2d", "3d"))
+    if render_mode is None:
+        return None
+    check_name("render_mode", render_mode, ("rgb_array",))
+    if view == "2d" and (missing := missing_packages(_PACKAGES)):
+        raise MissingExtraError("Pictures", missing, "analysis")
+    return "rgb_array"
+
+
+def draw_from_above(scenario: str, state: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Draws a state of a match; the clock shows the time that is left.
+
+    Args:
+        scenario: Its name, which is written over it.
+        state: Array of one match for each of :data:`DRAWN_KEYS`.
+
+    Returns:
+        Red, green and blue, uint8 (height, :data:`WIDTH`, 3), of an even height.
+    """
+    from fbrl.drawing.header import SECONDS_PER_STEP
+
+    picture = _match_picture(WIDTH)
+    frame = picture.empty(scenario)
+    picture.draw(frame, state, int(state["steps_left"]) * SECONDS_PER_STEP)
+    # Videos are of even sizes.
+    return frame[: picture.height // 2 * 2]
+
+
+@functools.cache
+def _match_picture(width: int) -> MatchPicture:
+    # Matplotlib takes long to import.
+    from fbrl.drawing.match_picture import MatchPicture
+
+    return MatchPicture(width)
+
+
+class EpisodeInEngine:
+    """Episodes as the engine draws them, which plays along where pictures are asked for.
+
+    Args:
+        scenario: Name of a scenario.
+    """
+
+    def __init__(self, scenario: str) -> None:
+        self._scenario = scenario
+        self._pictures = EnginePictures(WIDTH, WIDTH * 9 // 16)
+        self.close = self._pictures.close
+
+    def begin(self, seed: int, episode_number: int) -> None:
+        """Notes that an episode has begun; see :func:`fbrl.envs.engine.build_scenario`."""
+        self._episode = self._scenario, seed, episode_number
+        self._actions: list[int] = []
+        # How many the engine that draws has played, None if it has not begun the episode.
+        self._drawn: int | None = None
+
+    def step(self, action: int) -> None:
+        """Notes that an action was played."""
+        self._actions.append(action)
+
+    def draw(self) -> np.ndarray:
+        """The last state: red, green and blue, uint8 (height, :data:`WIDTH`, 3).
+
+        Raises:
+            RenderingError: The process in which the engine draws ended, or hangs.
+        """
+        if self._drawn != len(self._actions):
+            begun, self._drawn = self._drawn, None
+            episode = self._episode if begun is None else None
+            ((_, self._picture),) = self._pictures.play(episode, self._actions[begun or 0 :])
+            self._drawn = len(self._actions)
+        return self._picture.copy()
