@@ -271,6 +271,22 @@ def test_without_the_renderers_libraries_only_videos_are_missing(clone: Path) ->
     assert "libsdl2-dev" in process.stderr
 
 
+@pytest.mark.parametrize(("status", "goes_on"), [(1, True), (130, False)])
+def test_a_renderer_that_cannot_be_compiled_is_done_without(
+    clone: Path, tmp_path: Path, status: int, goes_on: bool
+) -> None:
+    (clone / "engine" / "render").mkdir(exist_ok=True)
+    script = (
+        "has_render_source() { :; }; has_render_headers() { :; }; look_for_python;"
+        f"build_wheel() {{ exit {status}; }};"
+        'ensure_renderer "$PYTHON_FOUND" .; echo "goes on without [$RENDER_WHEEL]"'
+    )
+    process = bash(clone, script, XDG_CACHE_HOME=str(tmp_path))
+    assert ("goes on without []" in process.stdout) == goes_on
+    assert ("3D videos are missing" in process.stderr) == goes_on
+    assert not list((tmp_path / "fbrl" / "engine").glob(".staging.*"))
+
+
 def test_a_failed_step_shows_its_log_and_a_remedy(clone: Path) -> None:
     script = "run_logged 'Some step' step.log bash -c 'echo no g++: g++: not found; exit 3'"
     process = bash(clone, script)

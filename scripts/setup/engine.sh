@@ -46,8 +46,17 @@ ensure_renderer() {
     printf '  %s && make setup\n' "$(apt_command "${RENDER_BUILD_PACKAGES[@]}" "${RENDER_PACKAGES[@]}")" >&2
     return 0
   fi
-  ensure_wheel "Renderer" "$(engine_key "$1" fbrl-engine-render)" "$1" \
-    build_wheel "Renderer" "$RENDER_SOURCE" "$1" "$2/renderer.log"
+  local status=0 build
+  build=("Renderer" "$(engine_key "$1" fbrl-engine-render)" "$1"
+    build_wheel "Renderer" "$RENDER_SOURCE" "$1" "$2/renderer.log")
+  # In a shell of its own: matches are no worse without it, and an interruption is one all the same.
+  (trap 'rm -rf "${CLEANUP[@]}"' EXIT && ensure_wheel "${build[@]}") || status=$?
+  if [[ $status -eq 130 ]]; then exit 130; fi
+  if [[ $status -ne 0 ]]; then
+    warn "3D videos are missing, since what draws them could not be compiled (see above). All else works."
+    return 0
+  fi
+  ensure_wheel "${build[@]}" >/dev/null
   RENDER_WHEEL=$WHEEL
 }
 
