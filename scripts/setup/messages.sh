@@ -98,6 +98,7 @@ Killed signal terminated program;out of memory;Cannot allocate memory|free some 
 name resolution;Failed to establish a new connection;Network is unreachable;NewConnectionError;ConnectTimeout;ReadTimeout;ProxyError;Temporary failure resolving;Could not resolve;Unable to connect to|check the network (and the proxy or index set in pip's and apt's own configuration), then run make setup again
 CERTIFICATE_VERIFY_FAILED|sudo apt-get install ca-certificates (or set pip's "cert" to your organisation's certificate)
 Could not get lock|wait until the other apt or dpkg has ended, then run make setup again
+is expired \(invalid since|set the machine's clock, or apt's sources to a mirror that is up to date, then run make setup again
 Unable to locate package;has no installation candidate|enable the distribution's main (Ubuntu: main and universe) package sources, then run make setup again
 Unmet dependencies;unmet dependencies;dpkg was interrupted|sudo dpkg --configure -a && sudo apt-get -f install
 No matching distribution found|check the network and pip's index; if both work, the index has no such version for this Python, and another torch is chosen with make setup TORCH="torch==X.Y.Z"
