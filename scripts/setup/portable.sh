@@ -8,8 +8,7 @@ LARGEST_ENGINE_WHEEL=15000000
 # library of Linux, and named after the oldest one that they run with.
 make_portable_wheels() {
   local python=$1 log_dir=$2 target=$3 tools=$2/wheel-tools wheel
-  if [[ $(python_version "$tools/bin/python") != "$(python_version "$python")" ]] ||
-    ! "$tools/bin/python" -m auditwheel --version >/dev/null 2>&1; then
+  if ! "$tools/bin/python" -m auditwheel --version >/dev/null 2>&1; then
     run_logged "Wheel tools" "$log_dir/wheel-tools.log" make_wheel_tools "$python" "$tools"
   fi
   mkdir -p "$target"
