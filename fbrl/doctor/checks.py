@@ -103,7 +103,7 @@ def check_engine() -> str:
                 "this engine was compiled on a newer system: compile it on this one, or on the "
                 "oldest that it shall run on, with `make setup` or `make engine-wheel`",
             ) from error
-        if importlib.util.find_spec("fbrl_engine") and "fbrl_engine._native" in cause:
+        if "cannot import name '_native'" in cause:
             raise CheckError(
                 f"the installed engine isn't for {platform.python_implementation()} "
                 f"{platform.python_version()} on {platform.machine()}",
