@@ -10,7 +10,7 @@ namespace blunted {
 
 Renderer3D *CreateRenderer() {
   throw std::runtime_error(
-      "This engine does not render: fbrl_engine_render.Renderer does (pip install fbrl-engine-render).");
+      "This engine does not render: fbrl_engine_render.Renderer does.");
 }
 
 SDL_Surface *CreateSDLSurface(int width, int height) { return new SDL_Surface(width, height); }

@@ -22,8 +22,8 @@ SECONDS_OF_PATIENCE = 180.0
 """How long is waited for the next picture; the first one takes five to fifteen seconds."""
 
 _REMEDY = (
-    "Rendering needs `pip install fbrl-engine-render`, and without a display `sudo apt-get install "
-    "libegl1 libegl-mesa0 libgl1-mesa-dri`; `fbrl-doctor` checks it."
+    "Rendering needs fbrl-engine-render, which `make setup` builds, and OpenGL: `sudo apt-get "
+    "install libegl1 libegl-mesa0 libgl1-mesa-dri`; `fbrl-doctor` checks it."
 )
 
 
