@@ -143,10 +143,22 @@ STATES = {
     "a seed as a text": (lambda states: with_match(states, seed="1"), "seed is '1'; .* type int"),
     "a seed below 0": (lambda states: with_match(states, seed=-1), "State 0 is not"),
     "an engine's state as a text": (lambda states: with_match(states, engine="a"), "type bytes"),
-    "an empty engine's state": (lambda states: with_match(states, engine=b""), "of 0 bytes, is not that of"),
-    "a cut one": (lambda states: with_match(states, engine=b"\0" * 99), "of 99 bytes, is not that of"),
-    "one too long": (lambda states: with_match(states, engine=bytes(10**7 + 1)), "bytes, is not that of"),
-    "one of another seed": (lambda states: with_match(states, seed=5), "engine seed 5, .* not that of"),
+    "an empty engine's state": (
+        lambda states: with_match(states, engine=b""),
+        "of 0 bytes, is not that of",
+    ),
+    "a cut one": (
+        lambda states: with_match(states, engine=b"\0" * 99),
+        "of 99 bytes, is not that of",
+    ),
+    "one too long": (
+        lambda states: with_match(states, engine=bytes(10**7 + 1)),
+        "bytes, is not that of",
+    ),
+    "one of another seed": (
+        lambda states: with_match(states, seed=5),
+        "engine seed 5, .* not that of",
+    ),
 }
 
 
