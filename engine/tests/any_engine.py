@@ -12,6 +12,7 @@ import types
 from dataclasses import dataclass
 from typing import Any
 
+from episodes import Episode
 from small_pitch import SMALL_PITCH, build_scenario
 
 
@@ -34,13 +35,16 @@ class AnyEngine:
         started.start_game()
         return started
 
-    def scenario(self, name: str, seed: int, number: int) -> Any:
+    def scenario(self, episode: Episode) -> Any:
         """The configuration of one episode; a reset changes it, so that it serves but once."""
         values = {
-            "level": name,
-            "game_engine_random_seed": seed,
+            "level": episode.scenario,
+            "game_engine_random_seed": episode.seed,
+            "players": [
+                f"agent:left_players={episode.left_agents},right_players={episode.right_agents}"
+            ],
             # gfootball adds one before it builds the scenario.
-            "episode_number": number - 1,
+            "episode_number": episode.number - 1,
         }
         return self.config.Config(values).ScenarioConfig()
 

@@ -3,9 +3,9 @@
     python engine/tests/compare_engines.py --reference build/default-engine --out DIRECTORY
 
 Each side is recorded shard by shard into files of DIRECTORY, and an interrupted recording goes on
-where it was: a shard that was begun is played again. Another run with `--only reference` or `--only
-engine` records one side alone. Exit code 0: what both sides have is equal; 1: it differs; 2: a side
-could not be recorded.
+where it was: a shard that was begun is played again. `--only reference` and `--only engine` record
+one side, `--only compare` compares what both have. Exit code 0: that is equal; 1: it differs; 2: a
+side could not be recorded.
 """
 
 from __future__ import annotations
@@ -17,8 +17,11 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
+from comparison import Table, first_differing_step
 from engine_process import EnginePlayError, play
 from million import STEPS_PER_ROUND, Shard, shards
+
+SIDES = ("reference", "engine")
 
 
 def read_shard(path: Path) -> list[dict[str, Any]] | None:
@@ -62,10 +65,10 @@ def record(side: Path, engine: Path | None, wanted: list[Shard], processes: int)
             pool.submit(record_shard, shard, engine, paths[shard]): shard for shard in missing
         }
         try:
-            for number, future in enumerate(as_completed(futures), 1):
+            for number, future in enumerate(as_completed(futures), there + 1):
+                name = futures[future].name
                 print(
-                    f"{side.name}: {futures[future].name}, {future.result()} steps, "
-                    f"{number} of {len(missing)}",
+                    f"{side.name}: {name}, {future.result()} steps, {number} of {len(wanted)}",
                     flush=True,
                 )
         except BaseException:
@@ -73,21 +76,41 @@ def record(side: Path, engine: Path | None, wanted: list[Shard], processes: int)
             raise
 
 
+def compare(out: Path, wanted: list[Shard]) -> Table:
+    """Compares the shards that both sides have."""
+    table = Table()
+    for shard in wanted:
+        path = f"{shard.name}.jsonl"
+        reference, engine = (read_shard(out / side / path) for side in SIDES)
+        if reference is not None and engine is not None:
+            table.add(shard, reference, engine)
+    return table
+
+
 def _main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--steps", type=int, default=1_000_000, help="rounded up to 50,000")
     parser.add_argument("--reference", type=Path, help="directory of gfootball as pip builds it")
     parser.add_argument("--engine", type=Path, help="directory of ours; default: the installed one")
     parser.add_argument("--out", type=Path, required=True, help="directory of the recordings")
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--only", choices=("reference", "engine"), help="record this side alone")
+    parser.add_argument("--only", choices=(*SIDES, "compare"), help="do nothing but this")
     arguments = parser.parse_args()
     wanted = list(shards(-(-arguments.steps // STEPS_PER_ROUND)))
+    engines = {side: getattr(arguments, side) for side in SIDES}
     try:
-        for name in ("reference", "engine"):
-            if arguments.only in (None, name):
-                engine = getattr(arguments, name)
-                record(arguments.out / name, engine, wanted, arguments.processes)
+        for side, engine in engines.items():
+            if arguments.only in (None, side):
+                record(arguments.out / side, engine, wanted, arguments.processes)
+        if arguments.only in SIDES:
+            return
+        table = compare(arguments.out, wanted)
+        print(*table.lines(), sep="\n")
+        print(*table.differences, sep="\n")
+        if table.differences:
+            first = table.differences[0]
+            print(f"{first}: from", first_differing_step(first, **engines))
+            sys.exit(1)
     except EnginePlayError as error:
         print(error, file=sys.stderr)
         sys.exit(2)

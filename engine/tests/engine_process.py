@@ -21,6 +21,17 @@ class EnginePlayError(RuntimeError):
     """An engine's process ended before it had played what it was to play."""
 
 
+def engine_environment(
+    engine: Path | None, variables: dict[str, str] | None = None
+) -> dict[str, str]:
+    """Variables of a process that plays on an engine."""
+    environment = {**os.environ, **(variables or {})}
+    environment.pop("PYTHONPATH", None)
+    if engine is not None:
+        environment["PYTHONPATH"] = str(engine)
+    return environment
+
+
 def play(
     engine: Path | None,
     episodes: Iterable[Episode],
@@ -42,10 +53,6 @@ def play(
     Raises:
         EnginePlayError: It ended early.
     """
-    variables = {**os.environ, **(environment or {})}
-    variables.pop("PYTHONPATH", None)
-    if engine is not None:
-        variables["PYTHONPATH"] = str(engine)
     with (
         tempfile.TemporaryFile("w+") as wanted,
         tempfile.TemporaryFile("w+", errors="replace") as errors,
@@ -54,7 +61,7 @@ def play(
         wanted.seek(0)
         process = subprocess.Popen(
             [sys.executable, DRIVER, *options],
-            env=variables,
+            env=engine_environment(engine, environment),
             stdin=wanted,
             stdout=subprocess.PIPE,
             stderr=errors,
@@ -67,10 +74,11 @@ def play(
                 values = json.loads(line)
                 done = "done" in values
                 yield values
+        except BaseException:
+            process.kill()  # Nobody reads on.
+            raise
         finally:
             process.stdout.close()
-            if not done:
-                process.kill()
             process.wait()
         if not done:
             errors.seek(0)

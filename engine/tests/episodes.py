@@ -6,7 +6,7 @@ import bisect
 import itertools
 import random
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 NUM_ACTIONS = 19
 BUILTIN_AI = 19
@@ -30,10 +30,12 @@ _LIKELIER = {
     },
     "builtin": {BUILTIN_AI: 170},
     "rough": {BUILTIN_AI: 24, _SLIDING: 20, _SPRINT: 8, _RIGHT: 6},
+    "brutal": {BUILTIN_AI: 50, _SLIDING: 40, _SPRINT: 4},
 }
-STYLES = tuple(_LIKELIER)
+BRUTAL = "brutal"
+STYLES = tuple(style for style in _LIKELIER if style != BRUTAL)
 """How actions are drawn: evenly without and with the engine's own player, towards the goal, mostly
-by the engine's own player, and with many tackles."""
+by the engine's own player, with many tackles; and, in BRUTAL, with hardly anything else."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,9 @@ class Episode:
         style: One of :data:`STYLES`.
         limit: It is left after so many steps, if it has not ended.
         states_every: Every so many steps a state is taken, and gone back to; 0 for never.
+        left_agents: How many players of the left team get actions of their own; the others are the
+            engine's.
+        right_agents: Likewise.
     """
 
     scenario: str
@@ -55,6 +60,8 @@ class Episode:
     style: str
     limit: int = 10_000
     states_every: int = 0
+    left_agents: int = 1
+    right_agents: int = 0
 
     def actions(self) -> Iterator[int]:
         """Endless actions, the same for each engine, NumPy and Python.
@@ -67,3 +74,8 @@ class Episode:
         generator = random.Random(self.seed * 64 + self.number)
         while True:
             yield bisect.bisect_right(upto, generator.random() * upto[-1])
+
+
+def with_tackles(episode: Episode) -> Episode:
+    """The episode with three players of each team controlled, who tackle all the time."""
+    return replace(episode, style=BRUTAL, left_agents=3, right_agents=3)

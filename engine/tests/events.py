@@ -66,12 +66,19 @@ class EventCounter:
 
     def _count_changes(self, before: Numbers, numbers: Numbers) -> None:
         for goals, old, new in zip(
-            ("goals_for", "goals_against"), before["score"], numbers["score"], strict=True
+            ("goals_for", "goals_against"),
+            before["score"],
+            numbers["score"],
+            strict=True,
         ):
             self.counts[goals] += int(new - old)
             self._kick_off_is_due |= new != old
         for team in ("left_team", "right_team"):
-            cards = zip(before[f"{team}_yellow_card"], numbers[f"{team}_yellow_card"], strict=True)
+            cards = zip(
+                before[f"{team}_yellow_card"],
+                numbers[f"{team}_yellow_card"],
+                strict=True,
+            )
             self.counts["yellow_cards"] += sum(new > old for old, new in cards)
             active = zip(before[f"{team}_active"], numbers[f"{team}_active"], strict=True)
             self.counts["sent_off"] += sum(new < old for old, new in active)

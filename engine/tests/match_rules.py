@@ -1,4 +1,4 @@
-"""The rules that gfootball's Python environment adds to its engine, for one controlled player.
+"""The rules that gfootball's Python environment adds to its engine, for controlled players.
 
 Written after gfootball's ``env/football_env_core.py``, apart from fbrl's own, which are compared
 with it: forced actions while the game waits, the ends of an episode, the reward.
@@ -6,10 +6,11 @@ with it: forced actions while the game waits, the ends of an episode, the reward
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from any_engine import AnyEngine
+from episodes import Episode
 
 
 class Rules(NamedTuple):
@@ -42,7 +43,8 @@ class MatchRules:
         sticky_actions: The engine's actions that last until they are released.
         scenario_rules: Those of the episode.
         end: What ended the episode; empty while it goes on.
-        action_was_forced: Whether the last action was another one than asked for.
+        action_was_forced: Whether the last actions were others than asked for.
+        agents: The controlled players: whether of the left team, and which.
     """
 
     def __init__(self, loaded: AnyEngine, game: Any, see: Callable[[Any], None]) -> None:
@@ -57,11 +59,12 @@ class MatchRules:
         self.scenario_rules = Rules()
         self.end = ""
         self.action_was_forced = False
+        self.agents: list[tuple[bool, int]] = []
 
-    def reset(self, scenario: str, seed: int, number: int) -> None:
+    def reset(self, episode: Episode) -> None:
         """Starts an episode and steps on until the game is in play."""
         self._game.state = self._loaded.engine.GameState.game_running
-        self._game.reset(self._loaded.scenario(scenario, seed, number), False)
+        self._game.reset(self._loaded.scenario(episode), False)
         config = self._game.config
         self.scenario_rules = Rules(
             config.end_episode_on_score,
@@ -71,12 +74,24 @@ class MatchRules:
         )
         self._memory = Memory()
         self.end = ""
+        self.agents = [(True, player) for player in range(config.left_agents)]
+        self.agents += [(False, player) for player in range(config.right_agents)]
         while not self._read().is_in_play:
             self._game.step()
 
-    def step(self, action: int) -> tuple[int, str]:
-        """Plays 100 ms and on until the game is in play: the reward, and what ended the episode."""
-        self._game.perform_action(self._permitted(action), True, 0)
+    def step(self, actions: Iterator[int]) -> tuple[int, str]:
+        """Plays 100 ms and on until the game is in play.
+
+        Args:
+            actions: As many are taken as players are controlled.
+
+        Returns:
+            The reward, and what ended the episode.
+        """
+        for is_left, player in self.agents:
+            self._game.perform_action(
+                self._permitted(next(actions), is_left, player), is_left, player
+            )
         self._game.step()
         while not self._read().is_in_play:
             self._game.step()
@@ -109,7 +124,7 @@ class MatchRules:
         self._see(self._info)
         return self._info
 
-    def _permitted(self, action: int) -> Any:
+    def _permitted(self, action: int, is_left: bool, player: int) -> Any:
         waiting = self._memory.waiting
         self.action_was_forced = waiting >= 20
         actions = self._loaded.engine.e_BackendAction
@@ -118,11 +133,12 @@ class MatchRules:
         if waiting == 20:
             return actions.short_pass
         info = self._info
+        controllers = info.left_controllers if is_left else info.right_controllers
         if (
-            info.ball_owned_team == 0
-            and info.left_controllers[0].controlled_player == info.ball_owned_player
+            info.ball_owned_team == (0 if is_left else 1)
+            and controllers[player].controlled_player == info.ball_owned_player
         ):
-            return actions.right if waiting < 30 else actions.left
+            return actions.right if (waiting < 30) == is_left else actions.left
         return actions.idle
 
     def _reason_to_end(self, mode: int) -> str:

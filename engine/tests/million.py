@@ -8,9 +8,9 @@ pip's engine: 7 to 9 ms with 22 players, 3 to 4 with ten, 1 to 3 with fewer. So 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from episodes import STYLES, Episode
+from episodes import STYLES, Episode, with_tackles
 from small_pitch import SMALL_PITCH
 
 STEPS_PER_ROUND = 50_000
@@ -31,6 +31,7 @@ _ACADEMIES = {
     "test_example_multiagent": 2500,
 }
 _SMALL = {SMALL_PITCH: 11_000, "1_vs_1_easy": 3000}
+_LIMIT_ON_SMALL_PITCH = 600
 _ELEVEN = (
     "11_vs_11_kaggle",
     "11_vs_11_stochastic",
@@ -68,13 +69,17 @@ class Shard:
     def episodes(self) -> Iterator[Episode]:
         """More episodes than are played."""
         for index in range(self.steps):
-            yield Episode(
+            episode = Episode(
                 self.scenario,
                 self.first_seed + index,
                 self.first_number + index,
                 self.styles[index % len(self.styles)],
                 states_every=self.states_every,
             )
+            if self.scenario == SMALL_PITCH:
+                yield replace(with_tackles(episode), limit=_LIMIT_ON_SMALL_PITCH)
+            else:
+                yield episode
 
 
 def shards(rounds: int) -> Iterator[Shard]:

@@ -45,7 +45,9 @@ def observed_numbers(engine: Any, info: Any, sticky_actions: list[Any], duration
     return numbers
 
 
-def other_numbers(info: Any) -> Numbers:
+def other_numbers(
+    engine: Any, info: Any, sticky_actions: list[Any], agents: list[tuple[bool, int]]
+) -> Numbers:
     """What the engine tells besides, which is in no observation."""
     numbers: Numbers = {"is_in_play": [info.is_in_play], "step": [info.step]}
     for team in ("left_team", "right_team"):
@@ -57,7 +59,10 @@ def other_numbers(info: Any) -> Numbers:
         numbers[f"{team}_designated"] = [player.designated_player for player in players]
     for side in ("left_controllers", "right_controllers"):
         controllers = getattr(info, side)
-        numbers[side] = [
-            controllers[index].controlled_player for index in range(len(controllers))
-        ]
+        numbers[side] = [controllers[index].controlled_player for index in range(len(controllers))]
+    numbers["agents_sticky_actions"] = [
+        engine.sticky_action_state(action, is_left, player)
+        for is_left, player in agents[1:]
+        for action in sticky_actions
+    ]
     return numbers

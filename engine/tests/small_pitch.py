@@ -1,7 +1,8 @@
 """A scenario of the tests, in which what is rare in gfootball's own happens often, and is cheap.
 
-Few players stand in and around the left team's penalty area, with offside and a second half: there
-are fouls, cards, players sent off, penalties and kick-offs within some hundred steps of 2 ms.
+Few players crowd in front of a goal, with offside and a second half that puts them there again.
+With three players of each team that tackle all the time there are fouls, cards and penalties, at
+2 ms a step.
 """
 
 from __future__ import annotations
@@ -16,22 +17,22 @@ def build_scenario(builder: Any) -> None:
     from gfootball_engine import e_PlayerRole, e_Team
 
     config = builder.config()
-    config.game_duration = 400
+    config.game_duration = 3000
     config.second_half = 200
     config.deterministic = False
     config.left_team_difficulty, config.right_team_difficulty = 0.6, 0.95
     at_left_end = builder.EpisodeNumber() % 2 == 0
     end = -1 if at_left_end else 1
-    builder.SetBallPosition(0.72 * end, 0.0)
+    builder.SetBallPosition(0.85 * end, 0.0)
     defenders = (
-        (-0.80, 0.08, e_PlayerRole.e_PlayerRole_CB),
-        (-0.78, -0.08, e_PlayerRole.e_PlayerRole_CM),
-        (-0.70, 0.02, e_PlayerRole.e_PlayerRole_RM),
+        (-0.90, 0.06, e_PlayerRole.e_PlayerRole_CB),
+        (-0.88, -0.06, e_PlayerRole.e_PlayerRole_CM),
+        (-0.78, 0.0, e_PlayerRole.e_PlayerRole_RM),
     )
     attackers = (
-        (0.70, -0.03, e_PlayerRole.e_PlayerRole_CF),
-        (0.76, 0.10, e_PlayerRole.e_PlayerRole_LM),
-        (0.74, -0.12, e_PlayerRole.e_PlayerRole_RM),
+        (0.80, -0.01, e_PlayerRole.e_PlayerRole_CF),
+        (0.84, 0.10, e_PlayerRole.e_PlayerRole_LM),
+        (0.84, -0.10, e_PlayerRole.e_PlayerRole_RM),
     )
     for team, players in (
         (e_Team.e_Left, defenders if at_left_end else attackers),

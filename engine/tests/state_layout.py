@@ -9,9 +9,12 @@ from typing import NamedTuple
 from state_fields import STRUCTURES
 
 _SIZES = {
-    **{kind: 1 for kind in "bc"},
-    **{kind: 4 for kind in "iuefp"},
-    **{"l": 8, "v": 12, "q": 16, "r": 8},
+    **dict.fromkeys("bc", 1),
+    **dict.fromkeys("iuefp", 4),
+    "l": 8,
+    "v": 12,
+    "q": 16,
+    "r": 8,
 }
 # More of something than any vector of a state has: the fields don't fit the bytes.
 _MOST_ELEMENTS = 5000
@@ -39,8 +42,7 @@ def _parse() -> dict[str, list[tuple[str, str, str]]]:
     for block in STRUCTURES.strip().split("\n\n"):
         name, _, fields = block.partition("\n")
         structures[name] = [
-            (field, kind, number or many)
-            for field, kind, many, number in _FIELD.findall(fields)
+            (field, kind, number or many) for field, kind, many, number in _FIELD.findall(fields)
         ]
     return structures
 

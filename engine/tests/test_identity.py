@@ -1,0 +1,78 @@
+"""Our engine plays the matches of gfootball as pip builds it, bit for bit."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from ci_episodes import episodes
+from engine_process import EnginePlayError, play
+from engines import (
+    WITHOUT_FMA,
+    differences,
+    engine_directory,
+    play_in_processes,
+    recorded,
+    reference_records,
+)
+from episodes import STYLES
+from recorded_episode import bits
+
+
+@pytest.fixture(scope="module")
+def ours():
+    return play_in_processes(engine_directory(), episodes())
+
+
+def test_all_that_is_seen_is_what_pips_engine_shows(ours):
+    assert differences(episodes(), ours, reference_records()) == []
+
+
+def test_that_is_20_000_steps_of_all_scenarios_and_styles_and_of_what_is_rare(ours):
+    assert sum(record["steps"] for record in ours) >= 20_000
+    assert len({episode.scenario for episode in episodes()}) == 19 + 1
+    assert {episode.style for episode in episodes()} == set(STYLES)
+    assert len({(episode.seed % 2, episode.number % 2) for episode in episodes()}) == 4
+    events = sum((Counter(record["events"]) for record in ours), Counter())
+    assert all(events[name] for name in ("penalties", "sent_off", "offsides", "half_times"))
+    assert {record["end"] for record in ours} == {
+        *("left", "time_limit", "score", "out_of_play", "possession")
+    }
+
+
+def test_matches_replay_from_their_states(ours):
+    replays = [record["replays"] for record in ours]
+    assert sum(number for number, _ in replays) > 100
+    assert all(number == equal for number, equal in replays)
+
+
+def test_a_processor_without_fused_multiplication_has_other_matches_and_they_are_pips():
+    some = episodes()[:60]
+    lines = list(play(engine_directory(), some, environment=WITHOUT_FMA))
+    expected = recorded(lines[0]["libm"])
+    if expected is None:
+        pytest.skip("this machine's glibc is another one than pip's engine was recorded with")
+    # They were recorded by two processes in turns, each of which has played on one engine.
+    ours = play_in_processes(engine_directory(), some, WITHOUT_FMA)
+    assert differences(some, ours, expected[: len(some)]) == []
+
+
+def test_another_seed_shows(ours):
+    others = [ours[1], *ours[1:]]
+    assert len(differences(episodes(), ours, others)) == 1
+
+
+def test_a_bit_shows():
+    number = 0.123
+    for other in (math.nextafter(number, 1), -number):
+        assert bits({"ball": [number]}) != bits({"ball": [other]})
+    assert bits({"ball": [0.0]}) != bits({"ball": [-0.0]})
+
+
+def test_an_engine_that_is_missing_is_told(tmp_path):
+    (tmp_path / "gfootball").mkdir()
+    (tmp_path / "gfootball_engine.py").write_text("raise ImportError('no engine here')")
+    with pytest.raises(EnginePlayError, match="no engine here"):
+        list(play(Path(tmp_path), episodes()[:1]))
