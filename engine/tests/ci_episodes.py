@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from episodes import STYLES, Episode, with_tackles
 from small_pitch import SMALL_PITCH
 
@@ -28,10 +30,17 @@ _EPISODES = {
     "test_example_multiagent": (15, 100),
     SMALL_PITCH: (9, 600),
 }
-# All players controlled, and what is rarest.
+# Several players controlled, and what is rarest: penalties, second yellow and red cards.
 _OTHERS = [
     Episode("test_example_multiagent", 7, 2, "attack", 100, left_agents=3),
     Episode("11_vs_11_kaggle", 9, 3, "rough", 100, left_agents=11, right_agents=11),
+    *(
+        replace(
+            with_tackles(Episode(SMALL_PITCH, 1000 + index, 2 + index // 2, "", 160)), foul=foul
+        )
+        for index, foul in enumerate((2, 3, 3, 2))
+    ),
+    Episode("11_vs_11_stochastic", 1004, 2, "builtin", 160, foul=2, states_every=40),
 ]
 # The least and the greatest that the engine takes.
 _EXTREME_SEEDS = {0: 0, 1: 2**32 - 1}

@@ -52,6 +52,7 @@ class Episode:
         left_agents: How many players of the left team get actions of their own; the others are the
             engine's.
         right_agents: Likewise.
+        foul: Which one there is after some steps, as of :func:`~foul.with_foul`; 0 for none.
     """
 
     scenario: str
@@ -62,6 +63,7 @@ class Episode:
     states_every: int = 0
     left_agents: int = 1
     right_agents: int = 0
+    foul: int = 0
 
     def actions(self) -> Iterator[int]:
         """Endless actions, the same for each engine, NumPy and Python.

@@ -2,9 +2,25 @@
 
 from __future__ import annotations
 
+from array import array
+from itertools import chain
 from typing import Any
 
 Numbers = dict[str, list[float]]
+
+_TEAM_KEYS = ("", "_direction", "_tired_factor", "_yellow_card", "_active", "_roles")
+KEYS = (
+    *("ball", "ball_direction", "ball_rotation"),
+    *(f"{team}{key}" for team in ("left_team", "right_team") for key in _TEAM_KEYS),
+    *("active", "designated", "ball_owned_team", "ball_owned_player", "game_mode", "score"),
+    *("steps_left", "sticky_actions"),
+)
+"""Names of the numbers of an observation, in their order."""
+
+
+def bits(numbers: Numbers) -> bytes:
+    """The bits of numbers: the engine's are of single precision, which double precision holds."""
+    return array("d", chain.from_iterable(numbers.values())).tobytes()
 
 
 def _vector(vector: Any) -> list[float]:

@@ -70,6 +70,7 @@ def _play_in_threads(
 def _main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--steps", type=int, help="no more episodes after so many steps")
+    parser.add_argument("--episodes", type=int, help="no more episodes than so many")
     parser.add_argument("--threads", type=int, help="play on several engines in so many threads")
     parser.add_argument("--trace", type=int, help="print the numbers of an episode, from 0, too")
     arguments = parser.parse_args()

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
-from itertools import chain
 from typing import Any
 
 from any_engine import AnyEngine
 from episodes import Episode
 from events import EventCounter
+from foul import AFTER_STEPS, with_foul
 from match_rules import MatchRules
-from observation import Numbers, observed_numbers, other_numbers
+from observation import Numbers, bits, observed_numbers, other_numbers
 from state_layout import foul_type, hide_uninitialised
 
 _REPLAYED_STEPS = 15
@@ -63,6 +62,8 @@ class RecordedEpisode:
         for _ in range(steps):
             if self.is_over():
                 return
+            if self._episode.foul and self.steps == AFTER_STEPS:
+                self._game.set_state(with_foul(self._game.get_state(""), self._episode.foul))
             every = self._episode.states_every
             if every and self.steps % every == 0:
                 self._take_state(go_back=self.steps % (2 * every) == 0)
@@ -154,8 +155,3 @@ class RecordedEpisode:
         self._observed = before
         self._observed.update(digest.encode())
         return digest
-
-
-def bits(numbers: Numbers) -> bytes:
-    """The bits of numbers: the engine's are of single precision, which double precision holds."""
-    return array("d", chain.from_iterable(numbers.values())).tobytes()

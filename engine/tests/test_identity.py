@@ -18,7 +18,7 @@ from engines import (
     reference_records,
 )
 from episodes import STYLES
-from recorded_episode import bits
+from observation import bits
 
 
 @pytest.fixture(scope="module")
