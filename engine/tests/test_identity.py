@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from pathlib import Path
 
 import pytest
 from ci_episodes import episodes
+from comparison import Table, first_differing_step
 from engine_process import EnginePlayError, play
 from engines import (
     WITHOUT_FMA,
@@ -18,6 +20,7 @@ from engines import (
     reference_records,
 )
 from episodes import STYLES
+from million import Shard
 from observation import bits
 
 
@@ -57,11 +60,60 @@ def test_a_processor_without_fused_multiplication_has_other_matches_and_they_are
     # They were recorded by two processes in turns, each of which has played on one engine.
     ours = play_in_processes(engine_directory(), some, WITHOUT_FMA)
     assert differences(some, ours, expected[: len(some)]) == []
+    assert differences(some, ours, reference_records()[: len(some)]) != []
 
 
-def test_another_seed_shows(ours):
+def test_another_match_shows(ours):
     others = [ours[1], *ours[1:]]
     assert len(differences(episodes(), ours, others)) == 1
+
+
+# Our engine, but once, at the 40th step, the least bit of the ball's momentum is another one.
+FLIPPED = """
+import sys
+sys.path.append({tests!r})
+from fbrl_engine import DATA, _native
+from fbrl_engine._native import *
+from state_layout import fields
+
+class GameEnv(_native.GameEnv):
+    def __init__(self):
+        super().__init__(str(DATA))
+        self.steps = 0
+
+    def step(self):
+        super().step()
+        self.steps += 1
+        if self.steps == 40:
+            state = bytearray(self.get_state(""))
+            momentum = next(field for field in fields(state) if field.name == "ball.momentum")
+            state[momentum.start] ^= {bit}
+            self.set_state(bytes(state))
+"""
+
+
+@pytest.mark.parametrize("bit", [0, 1])
+def test_one_bit_of_an_engine_shows_and_where(tmp_path, bit):
+    package = tmp_path / "gfootball_engine"
+    package.mkdir()
+    tests = str(Path(__file__).parent)
+    (package / "__init__.py").write_text(FLIPPED.format(tests=tests, bit=bit))
+    engine = engine_directory()
+    flipped = Path(f"{tmp_path}:{engine}" if engine else tmp_path)
+    shard = Shard("some", "academy_3_vs_1_with_keeper", 1, ("mixed",), 7, 2, 0)
+    sides = [
+        [line for line in play(side, shard.episodes(), "--episodes", "1") if "scenario" in line]
+        for side in (engine, flipped)
+    ]
+    table = Table()
+    table.add(shard, *sides)
+    assert len(table.differences) == bit
+    if bit:
+        (difference,) = table.differences
+        assert "observed" in difference.keys
+        told = first_differing_step(difference, engine, flipped)
+        # The steps before the game is in play are none of the episode's.
+        assert re.match(r"step 1\d: .*ball", told), told
 
 
 def test_a_bit_shows():
