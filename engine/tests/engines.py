@@ -85,8 +85,22 @@ def recorded(libm: str) -> list[dict[str, Any]] | None:
     content = json.loads(RECORDED.read_text())
     if content["plan"] != digest_of_plan():
         raise ValueError(f"{RECORDED.name} is of other episodes: run record_reference.py anew.")
-    records: list[dict[str, Any]] | None = content["machines"].get(libm)
-    return records
+    for recording in content["recordings"]:
+        if libm in recording["libm"]:
+            records: list[dict[str, Any]] = recording["records"]
+            return records
+    return None
+
+
+def write_recordings(recordings: Iterable[tuple[list[str], list[dict[str, Any]]]]) -> None:
+    """Writes what :func:`recorded` reads: the machines of each recording, and its records."""
+    lines = ",\n".join(
+        f'{{"libm": {json.dumps(machines)}, "records": [\n'
+        + ",\n".join(json.dumps(record) for record in records)
+        + "\n]}"
+        for machines, records in recordings
+    )
+    RECORDED.write_text(f'{{"plan": "{digest_of_plan()}", "recordings": [\n{lines}\n]}}\n')
 
 
 @functools.cache

@@ -8,19 +8,18 @@ addition computes, if this is one, and as one without it does.
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 from ci_episodes import episodes
 from engines import (
-    RECORDED,
     WITHOUT_FMA,
     compared,
-    digest_of_plan,
     play_in_processes,
     reference_directory,
+    write_recordings,
 )
 
 
@@ -40,15 +39,18 @@ def _main() -> None:
     engine = reference_directory()
     if engine is None:
         sys.exit("There is no engine as pip builds it: run `scripts/setup.sh --default-engine`.")
-    machines = {}
+    recordings: list[tuple[list[str], list[dict[str, Any]]]] = []
     for environment in ({}, WITHOUT_FMA):
-        records = play_in_processes(engine, episodes(), environment)
-        machines[_fingerprint(environment)] = [compared(record) for record in records]
-    lines = ",\n".join(
-        f'"{libm}": [\n' + ",\n".join(json.dumps(record) for record in records) + "\n]"
-        for libm, records in machines.items()
-    )
-    RECORDED.write_text(f'{{"plan": "{digest_of_plan()}", "machines": {{\n{lines}\n}}}}\n')
+        libm = _fingerprint(environment)
+        played = play_in_processes(engine, episodes(), environment)
+        records = [compared(record) for record in played]
+        for machines, others in recordings:
+            if records == others:
+                machines.append(libm)
+                break
+        else:
+            recordings.append(([libm], records))
+    write_recordings(recordings)
 
 
 if __name__ == "__main__":
