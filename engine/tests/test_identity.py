@@ -52,7 +52,7 @@ def test_matches_replay_from_their_states(ours):
 
 
 def test_matches_are_those_of_pips_engine_without_fused_multiplication_too():
-    some = episodes()[:60]
+    some = episodes()[:40]
     lines = list(play(engine_directory(), [], environment=WITHOUT_FMA))
     expected = recorded(lines[0]["libm"])
     if expected is None:

@@ -44,7 +44,7 @@ def test_they_show_the_same_with_any_number_of_threads(scenario):
         replace(episode, limit=10_000, states_every=0)
         for episode in episodes()
         if episode.scenario == scenario and episode.left_agents == 1
-    ]
+    ][:7]
     stepped = by_seed(line for line in play(engine_directory(), wanted) if "scenario" in line)
     assert len(stepped) == len(wanted) >= 5
     for threads in (1, 2, 4):
