@@ -7,6 +7,7 @@ With three players of each team that tackle all the time there are fouls, cards 
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 SMALL_PITCH = "small_pitch_of_the_tests"
@@ -14,8 +15,8 @@ SMALL_PITCH = "small_pitch_of_the_tests"
 
 def build_scenario(builder: Any) -> None:
     """Fills gfootball's scenario; odd episodes have the crowd at the other end."""
-    from gfootball_engine import e_PlayerRole, e_Team
-
+    engine: Any = importlib.import_module("gfootball_engine")
+    role, team_of = engine.e_PlayerRole, engine.e_Team
     config = builder.config()
     config.game_duration = 3000
     config.second_half = 200
@@ -25,20 +26,20 @@ def build_scenario(builder: Any) -> None:
     end = -1 if at_left_end else 1
     builder.SetBallPosition(0.85 * end, 0.0)
     defenders = (
-        (-0.90, 0.06, e_PlayerRole.e_PlayerRole_CB),
-        (-0.88, -0.06, e_PlayerRole.e_PlayerRole_CM),
-        (-0.78, 0.0, e_PlayerRole.e_PlayerRole_RM),
+        (-0.90, 0.06, role.e_PlayerRole_CB),
+        (-0.88, -0.06, role.e_PlayerRole_CM),
+        (-0.78, 0.0, role.e_PlayerRole_RM),
     )
     attackers = (
-        (0.80, -0.01, e_PlayerRole.e_PlayerRole_CF),
-        (0.84, 0.10, e_PlayerRole.e_PlayerRole_LM),
-        (0.84, -0.10, e_PlayerRole.e_PlayerRole_RM),
+        (0.80, -0.01, role.e_PlayerRole_CF),
+        (0.84, 0.10, role.e_PlayerRole_LM),
+        (0.84, -0.10, role.e_PlayerRole_RM),
     )
     for team, players in (
-        (e_Team.e_Left, defenders if at_left_end else attackers),
-        (e_Team.e_Right, attackers if at_left_end else defenders),
+        (team_of.e_Left, defenders if at_left_end else attackers),
+        (team_of.e_Right, attackers if at_left_end else defenders),
     ):
         builder.SetTeam(team)
-        builder.AddPlayer(-1.0, 0.0, e_PlayerRole.e_PlayerRole_GK)
-        for x, y, role in players:
-            builder.AddPlayer(x, y, role)
+        builder.AddPlayer(-1.0, 0.0, role.e_PlayerRole_GK)
+        for x, y, position in players:
+            builder.AddPlayer(x, y, position)
