@@ -61,8 +61,8 @@ ensure_renderer() {
 }
 
 has_render_headers() {
-  printf '#include <%s>\n' SDL2/SDL.h SDL2/SDL_image.h SDL2/SDL_ttf.h SDL2/SDL2_rotozoom.h \
-    EGL/egl.h GL/gl.h | "${CXX:-c++}" -E -x c++ - >/dev/null 2>&1
+  printf '#include <%s>\n' SDL2/SDL.h SDL2/SDL_ttf.h SDL2/SDL2_rotozoom.h EGL/egl.h \
+    GL/glext.h | "${CXX:-c++}" -DEGL_NO_X11 -E -x c++ - >/dev/null 2>&1
 }
 
 # require_compiler PYTHON: what has to be there on a machine that compiles.

@@ -92,8 +92,7 @@ remedy_for() {
 No space left on device|free some disk space (df -h . /tmp; CPU-only torch needs about 1 GB, CUDA torch about 6 GB), then run make setup again
 No CMAKE_CXX_COMPILER could be found;c\+\+: not found;g\+\+: not found|sudo apt-get install g++
 fatal error: Python.h;Could NOT find Python|sudo apt-get install python3-dev
-Could NOT find SDL2|sudo apt-get install libsdl2-dev libsdl2-image-dev libsdl2-ttf-dev libsdl2-gfx-dev
-Could NOT find OpenGL;Could NOT find EGL|sudo apt-get install libgl1-mesa-dev libegl-dev
+Rendering needs libraries;Could NOT find SDL2;Could NOT find OpenGL;Could NOT find EGL|sudo apt-get install libsdl2-dev libsdl2-image-dev libsdl2-ttf-dev libsdl2-gfx-dev libgl1-mesa-dev libegl-dev
 Killed signal terminated program;out of memory;Cannot allocate memory|free some memory (the compiler was stopped by the system; about 2 GB are needed), then run make setup again
 name resolution;Failed to establish a new connection;Network is unreachable;NewConnectionError;ConnectTimeout;ReadTimeout;ProxyError;Temporary failure resolving;Could not resolve;Unable to connect to|check the network (and the proxy or index set in pip's and apt's own configuration), then run make setup again
 CERTIFICATE_VERIFY_FAILED|sudo apt-get install ca-certificates (or set pip's "cert" to your organisation's certificate)

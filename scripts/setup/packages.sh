@@ -6,15 +6,13 @@
 # Matches run faster with its allocator, which the commands find by themselves.
 ALLOCATOR_PACKAGES=(libtcmalloc-minimal4)
 # What videos of the engine's own pictures are compiled with, and drawn with.
-RENDER_BUILD_PACKAGES=(
-  libsdl2-dev libsdl2-image-dev libsdl2-ttf-dev libsdl2-gfx-dev libgl1-mesa-dev libegl-dev
-)
+RENDER_BUILD_PACKAGES=(libsdl2-dev libsdl2-ttf-dev libsdl2-gfx-dev libgl-dev libegl-dev)
 RENDER_PACKAGES=(libegl1 libegl-mesa0 libgl1-mesa-dri)
 # Only for gfootball as pip compiles it, which a benchmark compares with.
 DEFAULT_ENGINE_PACKAGES=(
   cmake g++ make python3-dev
   libboost-python-dev libboost-thread-dev libboost-system-dev libboost-filesystem-dev
-  "${RENDER_BUILD_PACKAGES[@]}"
+  libsdl2-dev libsdl2-image-dev libsdl2-ttf-dev libsdl2-gfx-dev libgl1-mesa-dev libegl-dev
 )
 
 # What is missing and could not be installed.

