@@ -56,7 +56,7 @@ class Table:
             keys = differing_keys(record, other)
             if keys:
                 self.differences.append(Difference(shard, index, keys))
-            row.update(episodes=1, differing=bool(keys), steps=record.get("steps", 0))
+            row.update(episodes=1, differing=int(bool(keys)), steps=record.get("steps", 0))
             row.update(record.get("events", {}))
 
     def lines(self) -> Iterable[str]:
