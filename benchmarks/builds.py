@@ -34,6 +34,9 @@ class Build(enum.Enum):
 def worker_environment(build: Build) -> dict[str, str]:
     """The environment variables of a worker: the user's, without what decides on speed."""
     environment = {name: value for name, value in os.environ.items() if name not in _SETTINGS}
+    # A worker on the one build may have another one on the other.
+    paths = environment.get("PYTHONPATH", "").split(os.pathsep)
+    environment["PYTHONPATH"] = os.pathsep.join(p for p in paths if p != str(DEFAULT_ENGINE))
     if build is Build.FBRL:
         environment = {**environment, "OMP_WAIT_POLICY": "PASSIVE"}
         if reason_against_tcmalloc(environment) is None:

@@ -13,7 +13,7 @@ from fbrl.allocator import reason_against_tcmalloc
 
 _PACKAGES = (
     "fbrl",
-    "gfootball",
+    "fbrl-engine",
     "torch",
     "torchrl",
     "tensordict",

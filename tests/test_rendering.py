@@ -138,7 +138,7 @@ def test_frames_are_those_of_gfootball(tmp_path):
         np.testing.assert_array_equal(ours["jumped"], upstream["restored"][8::9])
     one, state, action = printed.splitlines()
     assert one.startswith("RuntimeError This process has made its Renderer")
-    assert state.startswith("ValueError the engine's state is not that of a match")
+    assert state.startswith("ValueError the engine's state, of 11 bytes, is not that of a match")
     assert action == "ValueError There is no action 20."
 
 
