@@ -100,13 +100,13 @@ def test_the_options_of_a_reward_come_from_the_configuration(config):
 
 def test_the_evaluation_plays_other_matches_than_the_training(config, monkeypatch):
     played: dict[int, list[int]] = {}
-    original = FootballVectorEnv._begin_episode
+    original = FootballVectorEnv._prepare
 
-    def begin_episode(self, index, episodes, rows):
-        original(self, index, episodes, rows)
-        played.setdefault(id(self), []).append(episodes.engine_seed)
+    def prepare(self, index, episode):
+        original(self, index, episode)
+        played.setdefault(id(self), []).append(episode.engine_seed)
 
-    monkeypatch.setattr(FootballVectorEnv, "_begin_episode", begin_episode)
+    monkeypatch.setattr(FootballVectorEnv, "_prepare", prepare)
     train(dataclasses.replace(config, eval_untrained=True, eval_pictures=False))
     training, evaluation = played.values()
     assert min(len(training), len(evaluation)) >= 4
