@@ -17,27 +17,11 @@ from torchrl.envs import (
 )
 
 from fbrl.envs.factory import make_env, make_reward
+from fbrl.envs.rendering import DRAWN_KEYS
 from fbrl.evaluation.evaluation import Policy
 from fbrl.transforms import ScoringReward
 
-RECORDED_KEYS = (
-    "ball",
-    "left_team",
-    "left_team_direction",
-    "left_team_active",
-    "left_team_roles",
-    "right_team",
-    "right_team_direction",
-    "right_team_active",
-    "right_team_roles",
-    "active",
-    "ball_owned_team",
-    "ball_owned_player",
-    "game_mode",
-    "score",
-    "steps_left",
-    "sticky_actions",
-)
+RECORDED_KEYS = (*DRAWN_KEYS, "ball_owned_team", "ball_owned_player", "sticky_actions")
 """What is kept of every observation; :mod:`fbrl.envs.observation` says what it means."""
 
 
