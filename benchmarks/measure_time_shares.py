@@ -78,11 +78,10 @@ def time_shares(
         reward's share of the collection alone.
     """
     import torch
-    from torchrl.envs import TransformedEnv
 
-    from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
+    from fbrl.collect import EpisodeBookkeeping, MatchCollector
     from fbrl.device import choose_device
-    from fbrl.envs import FootballVectorEnv
+    from fbrl.envs.gfootball_import import load_gfootball
     from fbrl.models.actor_critic import CollectionPolicy
     from fbrl.monitor import Monitor
     from fbrl.ppo import algorithm
@@ -93,12 +92,11 @@ def time_shares(
     is_cuda = choose_device(device).type == "cuda"
     stopwatch = Stopwatch(torch.cuda.synchronize if is_cuda else lambda: None)
     parts = [
-        (FootballVectorEnv, "step", "matches"),
-        (FootballVectorEnv, "reset", "matches"),
+        (load_gfootball().engine.Batch, "wait", "matches"),
         (AssistDensityReward, "label", "reward transform"),
         (EpisodeBookkeeping, "complete", "statistics and sums"),
-        (TransformedEnv, "step_and_maybe_reset", "observation"),
-        (CollectionPolicy, "sample", "inference"),
+        (MatchCollector, "_look", "observation"),
+        (CollectionPolicy, "act", "inference"),
         (algorithm.PPO, "collect", "transfer and batch"),
         (algorithm, "add_advantages", "advantages"),
         (algorithm, "update", "update"),

@@ -76,29 +76,26 @@ def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> 
     import torch
 
     from fbrl.agent import make_model
-    from fbrl.collect import make_collection_env
-    from fbrl.config import PPOConfig
-    from fbrl.ppo.algorithm import PPO
+    from fbrl.collect import MatchCollector
     from fbrl.presets import preset_config
 
     torch.manual_seed(seed)
     config = preset_config("light", scenario)
-    env, bookkeeping = make_collection_env(
+    collector = MatchCollector(
         scenario,
+        make_model(config, torch.device("cpu")).get_collection_policy(),
         num_envs=num_envs,
         reward=config.reward,
         observation=config.observation,
         seed=seed,
     )
-    model = make_model(config, torch.device("cpu"))
-    ppo = PPO(env, model, PPOConfig(num_envs=num_envs, num_steps=128), bookkeeping)
-    ppo.collect()
+    collector.collect()
     frames = 0
     started = time.perf_counter()
     while time.perf_counter() - started < seconds:
-        frames += ppo.collect().numel()
+        frames += collector.collect().numel()
     took = time.perf_counter() - started
-    env.close()
+    collector.close()
     return {"frames_per_second": frames / took}
 
 

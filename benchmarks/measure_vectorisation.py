@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-VECTORISATIONS = ("threads", "processes", "MultiSyncCollector", "ParallelEnv", "AsyncVectorEnv")
-"""The choices of a training; TorchRL's processes, that collect or only step; Gymnasium's."""
+VECTORISATIONS = ("threads", "MultiSyncCollector", "ParallelEnv", "AsyncVectorEnv")
+"""fbrl's own; TorchRL's processes, that collect or only step; Gymnasium's."""
 
 _STEPS_PER_BATCH = 16
 
@@ -31,11 +31,8 @@ def collect(
     """
     import torch
 
-    from fbrl.collect import make_collection_env
-    from fbrl.collect.collection_env import MATCH_PLACES
-    from fbrl.config import PPOConfig
+    from fbrl.collect import MatchCollector, RolloutCollector
     from fbrl.models.actor_critic import build_actor_critic
-    from fbrl.ppo.algorithm import PPO
 
     # Spawned processes would import everything for seconds each; once they run there is no
     # difference.
@@ -49,16 +46,17 @@ def collect(
             stack.callback(collector.shutdown)
             collect_batch = functools.partial(next, iter(collector))
         else:
-            bookkeeping = None
-            if vectorisation in MATCH_PLACES:
-                env, bookkeeping = make_collection_env(
-                    scenario, num_envs=num_envs, collector=vectorisation
+            policy = model.get_collection_policy()
+            ours: MatchCollector | RolloutCollector
+            if vectorisation == "threads":
+                ours = MatchCollector(
+                    scenario, policy, num_envs=num_envs, num_steps=_STEPS_PER_BATCH
                 )
             else:
                 env = _make_env(scenario, vectorisation, num_envs)
-            stack.callback(env.close)
-            config = PPOConfig(num_envs=num_envs, num_steps=_STEPS_PER_BATCH)
-            collect_batch = PPO(env, model, config, bookkeeping).collect
+                ours = RolloutCollector(env, policy, _STEPS_PER_BATCH)
+            stack.callback(ours.close)
+            collect_batch = ours.collect
         return {"frames_per_second": _frames_per_second(collect_batch, seconds)}
 
 

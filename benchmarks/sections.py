@@ -16,6 +16,15 @@ FULL_MATCH = "11_vs_11_easy_stochastic"
 FRAMES, STEPS, RESETS = "frames_per_second", "steps_per_second", "resets_per_second"
 """Names of the rates; frames are steps with the resets of matches in their time."""
 
+SHARE = "share"
+
+MANY_CORES = [
+    (f"{cores} cores, {'MLP' if network == 'mlp' else 'as if on a GPU'}", cores, network)
+    for network in ("mlp", "gpu")
+    for cores in (16, 64)
+]
+"""Case, number of cores and network of the section on many cores."""
+
 ENGINE, ENGINE_BY_DEFAULT = "bare engine", "bare engine, default build"
 COLLECTION = "fbrl collection, MLP"
 MINIMAP, SIMPLE115 = "fbrl FootballEnv, mini map keys", "fbrl FootballEnv, simple115"
@@ -150,6 +159,24 @@ def _vectorisation(scale: Scale) -> list[Contestant]:
     ]
 
 
+def _many_cores(scale: Scale) -> list[Contestant]:
+    function = "benchmarks.measure_many_cores:share_of_sleeping_engines"
+    return [
+        Contestant(
+            case,
+            FBRL,
+            function,
+            {
+                "cores": cores,
+                "network": network,
+                "matches_per_core": 2,
+                "seconds": scale.seconds,
+            },
+        )
+        for case, cores, network in MANY_CORES
+    ]
+
+
 def _training_arguments(scale: Scale, scenario: str, network: str) -> dict[str, object]:
     return {
         "scenario": scenario,
@@ -209,6 +236,7 @@ SECTIONS: Mapping[str, Callable[[Scale], list[Contestant]]] = {
     "engine": _engine,
     "environment": _environment,
     "vectorisation": _vectorisation,
+    "many_cores": _many_cores,
     "training": _training,
     "time_shares": _time_shares,
     "memory": _memory,

@@ -109,6 +109,18 @@ def _vectorisation(result: SectionResults) -> str:
     return markdown_table(["matches", *(f"{name}, frames/s" for name in result.names)], rows)
 
 
+def _many_cores(result: SectionResults) -> str:
+    rows = [
+        [
+            case,
+            format_summary(result.summary(case, sections.FBRL, FRAMES)),
+            format_summary(result.summary(case, sections.FBRL, sections.SHARE)),
+        ]
+        for case in result.cases
+    ]
+    return markdown_table(["cores", "frames/s", "share of the engines alone"], rows)
+
+
 def _training(result: SectionResults) -> str:
     fbrl, peer = sections.FBRL, sections.PEER
     on_ours = peer + sections.ON_OUR_ENGINE
@@ -162,6 +174,7 @@ TABLES: Mapping[str, Callable[[SectionResults], str]] = {
     "engine": _engine,
     "environment": _environment,
     "vectorisation": _vectorisation,
+    "many_cores": _many_cores,
     "training": _training,
     "time_shares": _time_shares,
     "memory": _memory,

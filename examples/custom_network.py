@@ -5,8 +5,8 @@ import argparse
 import torch
 from torch import nn
 
+from fbrl.collect import MatchCollector
 from fbrl.config import PPOConfig
-from fbrl.envs import make_env
 from fbrl.models import ActorCritic
 from fbrl.ppo import PPO
 
@@ -22,15 +22,21 @@ def main() -> None:
     model = ActorCritic(trunk, "simple115", num_features=64, num_actions=19)
 
     config = PPOConfig(total_frames=frames, num_envs=4, num_steps=128, learning_rate=1e-3)
-    env = make_env("academy_empty_goal_close", num_envs=config.num_envs, seed=0)
-    ppo = PPO(env, model, config)
+    collector = MatchCollector(
+        "academy_empty_goal_close",
+        model.get_collection_policy(),
+        num_envs=config.num_envs,
+        num_steps=config.num_steps,
+        seed=0,
+    )
+    ppo = PPO(collector, model, config)
     while ppo.frames < config.total_frames:
         batch = ppo.collect()
         losses = ppo.learn(batch)
         matches = max(1, int(batch["next", "done"].sum()))
         goals = batch["next", "reward_scoring"].sum().item() / matches
         print(f"{ppo.frames} frames: {goals:.2f} goals a match, entropy {losses['entropy']:.2f}")
-    env.close()
+    collector.close()
 
 
 if __name__ == "__main__":

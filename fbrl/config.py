@@ -16,7 +16,7 @@ REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")
 OBSERVATION_NAMES = ("minimap", "smm", "simple115")
 TRANSITION_NAMES = ("possession", "consecutive")
 ACTIVATION_NAMES = ("relu", "tanh")
-COLLECTOR_NAMES = ("threads", "processes", "ray")
+COLLECTOR_NAMES = ("threads", "ray")
 _REWARD_OPTIONS = {
     "density": ("analytics", "potential"),
     "transition": ("analytics",),
@@ -26,9 +26,8 @@ HOW_IT_IS_RUN = (
     "device",
     "num_threads",
     "collector",
+    "num_groups",
     "num_workers",
-    "compile",
-    "cuda_graphs",
     "checkpoint_interval",
     "checkpoint_keep_interval",
     "eval_interval",
@@ -178,24 +177,19 @@ class TrainConfig:
     """Threads that play the matches; by default one for each available core."""
 
     collector: str = "threads"
-    """Where the matches are played: threads of this process; processes of threads, which suit many
-    cores, and are replaced when the engine crashes or hangs; or ray, workers on the nodes of a Ray
+    """Where the matches are played: threads of this process, or ray, workers on the nodes of a Ray
     cluster, which wants pip install 'fbrl[ray]'."""
 
+    num_groups: int | None = None
+    """Groups of matches that take turns: while the threads step one, the network looks at another;
+    by default a number that suits the cores."""
+
     num_workers: int | None = None
-    """Processes that play the matches; by default one for every 4 cores, at least 2. With ray one
-    for each node, and they have to divide num_envs."""
+    """Ray's workers; by default one for each node. They have to divide num_envs."""
 
     collect_ahead: bool = False
     """Collect the next batch while learning from one, with the weights of one update before. For a
     GPU that learns while the cores would be idle. Such a training can't be repeated exactly."""
-
-    compile: bool = False
-    """Compile the network with torch.compile, which takes a C++ compiler and up to minutes at the
-    start. Losses differ in their last digits."""
-
-    cuda_graphs: bool = False
-    """Compile the network into CUDA graphs; on a CPU the same as --compile."""
 
     run_dir: Path | None = None
     """New directory for logs and checkpoints; by default one below runs/ that is named after
@@ -249,13 +243,13 @@ class TrainConfig:
         _check(self, "hidden_sizes", len(self.hidden_sizes) <= 64, "at most 64 of them")
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
         check_name("collector", self.collector, COLLECTOR_NAMES)
-        for name in ("num_threads", "num_workers"):
+        for name in ("num_threads", "num_groups", "num_workers"):
             value = getattr(self, name)
             _check(self, name, value is None or value >= 1, "at least 1")
         if self.num_workers and self.collector == "threads":
-            raise ConfigError("num_workers is only used with the collector processes or ray.")
+            raise ConfigError("num_workers is only used with the collector ray.")
         if self.collector == "ray" and self.collect_ahead:
-            raise ConfigError("collect_ahead is only used with the collector threads or processes.")
+            raise ConfigError("collect_ahead is only used with the collector threads.")
         if self.collector == "ray" and self.ppo.num_envs % (self.num_workers or 1):
             raise ConfigError(
                 f"num_workers is {self.num_workers}; to share {self.ppo.num_envs} matches "

@@ -33,6 +33,7 @@ def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
         ConfigError: A field is unknown or of another type, or the scenario is missing.
     """
     try:
+        values = _without_former_options(values)
         ppo = PPOConfig(**values.get("ppo", {}))
         config = TrainConfig(**{**values, "ppo": ppo})
         run_dir = None if config.run_dir is None else Path(config.run_dir)
@@ -43,3 +44,11 @@ def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
     check_types(config)
     check_types(config.ppo)
     return config
+
+
+def _without_former_options(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Leaves out how an older fbrl ran a training; none of it decided what was learned."""
+    current = {name: values[name] for name in values if name not in ("compile", "cuda_graphs")}
+    if current.get("collector") == "processes":
+        current.update(collector="threads", num_workers=None)
+    return current

@@ -15,7 +15,6 @@ from written_runs import write_shooter
 
 from fbrl.envs import FootballVectorEnv
 from fbrl.envs.engine import load_gfootball
-from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 
 REPOSITORY = Path(__file__).parent.parent
 ENGINE_IS_INSTALLED = importlib.util.find_spec("fbrl_engine") is not None
@@ -103,17 +102,15 @@ def stop_after(monkeypatch):
     """Makes the matches send their process a signal after a number of steps, wherever that is."""
     left = [0]
 
-    def count_steps(step):
-        def counting_step(self, actions):
-            left[0] -= 1
-            if left[0] == 0:
-                signal.raise_signal(signal.SIGTERM)
-            return step(self, actions)
+    send_step = FootballVectorEnv.send_step
 
-        return counting_step
+    def counting_send_step(self, *arguments):
+        left[0] -= 1
+        if left[0] == 0:
+            signal.raise_signal(signal.SIGTERM)
+        return send_step(self, *arguments)
 
-    for matches in (FootballVectorEnv, FootballProcessVectorEnv):
-        monkeypatch.setattr(matches, "step", count_steps(matches.step))
+    monkeypatch.setattr(FootballVectorEnv, "send_step", counting_send_step)
 
     def stop_after(steps):
         left[0] = steps

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
+from fbrl.collect import MatchCollector
 from fbrl.collect.collector import inference_threads, torch_threads
 from fbrl.config import PPOConfig
-from fbrl.envs import make_env
 from fbrl.models import build_actor_critic
 from fbrl.ppo.algorithm import PPO
 
@@ -48,13 +48,14 @@ def test_collection_takes_one_thread_for_a_perceptron_and_learning_all(two_threa
     model[0].module.register_forward_hook(
         lambda *_: seen.append((phase[0], torch.get_num_threads()))
     )
-    env = make_env("academy_empty_goal_close", num_envs=2, seed=0)
-    ppo = PPO(env, model, SMALL)
+    policy = model.get_collection_policy()
+    collector = MatchCollector("academy_empty_goal_close", policy, num_envs=2, num_steps=16, seed=0)
+    ppo = PPO(collector, model, SMALL)
     ppo.collect()
     seen.clear()
     batch = ppo.collect()
     phase[0] = "learn"
     ppo.learn(batch)
-    env.close()
+    collector.close()
     assert set(seen) == {("collect", 1), ("learn", 2)}
     assert batch.device == torch.device("cpu")

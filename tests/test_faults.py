@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 import torch
@@ -27,12 +28,12 @@ from fbrl.checkpoint import load_checkpoint
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.config_json import config_from_dict
 from fbrl.density import AssistDensity
+from fbrl.envs import FootballVectorEnv
 from fbrl.envs.gfootball_import import load_gfootball
 from fbrl.envs.matches import Matches
-from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.ppo.algorithm import PPO
 from fbrl.ppo.update import TrainingDivergedError, update
-from fbrl.training import TrainListener, train
+from fbrl.training import TrainListener, train, trainer
 from fbrl.training.evaluator import Evaluator
 from fbrl.training.run_checkpoints import TrainingNotSavedError
 from fbrl.training.run_dir import RunDirLock, RunDirReplacedError
@@ -229,23 +230,24 @@ def test_what_a_diverging_training_leaves_behind_makes_the_same_loss_again(confi
 TRAP = """
 import sys
 from pathlib import Path
+from fbrl.envs import FootballVectorEnv
 from fbrl.envs.gfootball_import import load_gfootball
-from fbrl.envs.matches import Matches
+from fbrl.envs import FootballVectorEnv
 
 fault, trap = sys.argv.pop(1), Path("trap")
-steps, step = 0, Matches.step
+steps, send_step = 0, FootballVectorEnv.send_step
 
-def step_into_trap(self, matches, actions):
+def step_into_trap(self, matches, actions, *rows):
     global steps
     steps += len(matches)
     if not trap.exists() and steps > 200:
-        trap.write_text(str(self.episodes[0][0]))
+        trap.write_text(str(self.episodes[matches[0]][0]))
     if trap.exists():
-        seed = int(trap.read_text())
-        self.native.disturb(load_gfootball().engine.Disturbance(fault, engine_seed=seed))
-    step(self, matches, actions)
+        disturbance = load_gfootball().engine.Disturbance(fault, engine_seed=int(trap.read_text()))
+        self.disturb(disturbance)
+    return send_step(self, matches, actions, *rows)
 
-Matches.step = step_into_trap
+FootballVectorEnv.send_step = step_into_trap
 from fbrl.cli.train import main
 main()
 """
@@ -285,7 +287,7 @@ def test_an_engine_that_hangs_ends_the_process_with_everything_saved(tmp_path):
     )
     rows = table(run_dir, "metrics.csv")
     assert f"of {rows[-1]['frames']} frames, is whole. Go on with: " in done.stderr
-    assert "in step_into_trap" in (run_dir / "crash.txt").read_text()
+    assert "match_collector.py" in (run_dir / "crash.txt").read_text()
     # The trap is still there, but other matches are begun.
     command = shlex.split(done.stderr.split("Go on with: ")[1])
     again = fall_into_trap("hang", *command[1:], cwd=tmp_path)
@@ -333,14 +335,14 @@ def test_a_hang_that_nobody_can_be_told_of_ends_the_process_after_the_update_in_
 
 
 def test_a_batch_that_hangs_as_the_training_ends_is_noticed_too(config, monkeypatch):
-    step, steps, codes = Matches.step, itertools.count(1), []
+    send_step, steps, codes = FootballVectorEnv.send_step, itertools.count(1), []
 
-    def sleep_in_the_second_batch(self, matches, actions):
+    def sleep_in_the_second_batch(self, *arguments):
         disturbance = load_gfootball().engine.Disturbance("sleep", seconds=4)
-        self.native.disturb(disturbance if next(steps) == 25 else None)
-        step(self, matches, actions)
+        self.disturb(disturbance if next(steps) == 25 else None)
+        return send_step(self, *arguments)
 
-    monkeypatch.setattr(Matches, "step", sleep_in_the_second_batch)
+    monkeypatch.setattr(FootballVectorEnv, "send_step", sleep_in_the_second_batch)
     monkeypatch.setattr(os, "_exit", codes.append)
     hangs = []
     listener = TrainListener(
@@ -355,9 +357,9 @@ def test_a_batch_that_hangs_as_the_training_ends_is_noticed_too(config, monkeypa
 
 def test_a_training_that_fails_as_it_begins_leaves_its_directory_free(config, monkeypatch):
     with monkeypatch.context() as fault:
-        fault.setenv("PYTHONHOME", "/nowhere")
-        with pytest.raises(MatchWorkersError):
-            train(dataclasses.replace(config, collector="processes", density="uniform"))
+        fault.setattr(trainer, "make_collector", MagicMock(side_effect=RuntimeError("no threads")))
+        with pytest.raises(RuntimeError, match="no threads"):
+            train(dataclasses.replace(config, density="uniform"))
     assert (config.run_dir / "config.json").exists()
     (config.run_dir / "checkpoints").mkdir()
     (config.run_dir / "checkpoints" / "last.pt.partial").touch()

@@ -13,6 +13,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from torch import nn
 from torchrl.envs import GymWrapper, RewardSum, TransformedEnv
 
+from fbrl.collect import RolloutCollector
 from fbrl.config import PPOConfig
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.models.mlp import MLP
@@ -61,13 +62,14 @@ def our_returns(seed):
     env.set_seed(seed)
     model = ActorCritic(MLP(4, (64, 64), "tanh"), "observation", 64, 2)
     ended = []
-    ppo = PPO(env, model, CONFIG)
+    collector = RolloutCollector(env, model.get_collection_policy(), CONFIG.num_steps)
+    ppo = PPO(collector, model, CONFIG)
     while ppo.frames < CONFIG.total_frames:
         batch = ppo.collect()
         done = batch["next", "done"]
         ended += [(ppo.frames, r) for r in batch["next", "episode_reward"][done].tolist()]
         ppo.learn(batch)
-    env.close()
+    collector.close()
     return by_quarter(ended)
 
 

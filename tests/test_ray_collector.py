@@ -21,14 +21,13 @@ from fbrl.analysis.run_log import read_run_log
 from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train import main, parse
 from fbrl.cli.train_resume import parse_resume
-from fbrl.collect import make_collection_env, ray_collector
+from fbrl.collect import MatchCollector, ray_collector
+from fbrl.collect.collector import MatchWorkersError
 from fbrl.collect.ray_cluster import connected_to_ray, even_share
 from fbrl.collect.ray_collector import RayMatchCollector
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.gfootball_import import load_gfootball
 from fbrl.envs.matches import Matches
-from fbrl.envs.process_vector_env import MatchWorkersError
-from fbrl.ppo.algorithm import PPO
 from fbrl.training.trainer import TrainListener, train
 
 CONFIG = TrainConfig(
@@ -90,17 +89,18 @@ def place_of(collector, number):
 
 
 def matches_of_threads(num_envs, model, seed):
-    env, bookkeeping = make_collection_env(
+    collector = MatchCollector(
         CONFIG.scenario,
+        model.get_collection_policy(),
         num_envs=num_envs,
+        num_steps=CONFIG.ppo.num_steps,
         reward=make_training_reward(CONFIG),
         num_threads=1,
         seed=seed,
     )
-    ppo = PPO(env, model, CONFIG.ppo, bookkeeping)
     torch.manual_seed(seed)
-    batch = ppo.collect().clone()
-    env.close()
+    batch = collector.collect().clone()
+    collector.close()
     return batch
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import random
 import re
 import shlex
@@ -22,9 +23,9 @@ from conftest import needs_engine
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.cli.train import main, parse
 from fbrl.cli.train_resume import parse_resume
-from fbrl.collect import RolloutCollector
+from fbrl.collect import MatchCollector
 from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, PPOConfig, TrainConfig
-from fbrl.config_json import save_config
+from fbrl.config_json import config_to_dict, save_config
 from fbrl.training import TrainListener, train
 from fbrl.training.run_dir import RunDirLock
 
@@ -156,7 +157,7 @@ def test_a_damaged_checkpoint_is_replaced_by_the_one_before_and_that_is_said(cop
 def test_a_signal_just_after_a_batchs_last_step_does_not_part_matches_and_observation(
     finished, tmp_path, monkeypatch
 ):
-    collect, batches = RolloutCollector.collect, []
+    collect, batches = MatchCollector.collect, []
 
     def collect_and_signal(self, *arguments, **options):
         batches.append(collect(self, *arguments, **options))
@@ -164,7 +165,7 @@ def test_a_signal_just_after_a_batchs_last_step_does_not_part_matches_and_observ
             signal.raise_signal(signal.SIGTERM)
         return batches[-1]
 
-    monkeypatch.setattr(RolloutCollector, "collect", collect_and_signal)
+    monkeypatch.setattr(MatchCollector, "collect", collect_and_signal)
     config = dataclasses.replace(finished, run_dir=tmp_path / "run")
     result = train(config)
     assert (result.interrupted, result.frames) == (True, 32)
@@ -282,11 +283,10 @@ CHANGES = {
     "total_frames": 640,
     "device": "cpu",
     "num_threads": 1,
-    "collector": "processes",
+    "num_groups": 2,
+    "collector": "ray",
     "num_workers": 2,
     "collect_ahead": True,
-    "compile": True,
-    "cuda_graphs": True,
     "checkpoint_interval": 5,
     "checkpoint_keep_interval": 6,
     "eval_interval": 7,
@@ -301,17 +301,31 @@ def as_option(name, value):
 
 def test_whatever_may_change_can_be_given(finished):
     assert set(CHANGES) == set(CHANGEABLE_ON_RESUME)
-    line = [word for change in CHANGES.items() for word in as_option(*change)]
-    config = parse_resume("fbrl-train", ["--resume", str(finished.run_dir), *line])
-    for name, value in CHANGES.items():
-        assert getattr(config.ppo if name == "total_frames" else config, name) == value, name
+    # Of these two only one at a time has a meaning.
+    for other in ("collector", "collect_ahead"):
+        changes = {name: value for name, value in CHANGES.items() if name != other}
+        if other == "collector":
+            del changes["num_workers"]
+        line = [word for change in changes.items() for word in as_option(*change)]
+        config = parse_resume("fbrl-train", ["--resume", str(finished.run_dir), *line])
+        for name, value in changes.items():
+            assert getattr(config.ppo if name == "total_frames" else config, name) == value, name
 
 
 def test_the_number_of_workers_goes_with_the_place_of_the_matches(finished, tmp_path):
-    in_processes = dataclasses.replace(finished, collector="processes", num_workers=2)
-    save_config(in_processes, tmp_path / "config.json")
+    on_ray = dataclasses.replace(finished, collector="ray", num_workers=2)
+    save_config(on_ray, tmp_path / "config.json")
     config = parse_resume("fbrl-train", ["--resume", str(tmp_path), "--collector", "threads"])
     assert (config.collector, config.num_workers) == ("threads", None)
+
+
+def test_a_run_of_before_goes_on_without_the_options_that_are_gone(finished, tmp_path):
+    values = config_to_dict(finished)
+    del values["num_groups"]
+    values |= {"collector": "processes", "num_workers": 4, "compile": True, "cuda_graphs": False}
+    (tmp_path / "config.json").write_text(json.dumps(values))
+    config = parse_resume("fbrl-train", ["--resume", str(tmp_path)])
+    assert config == dataclasses.replace(finished, run_dir=tmp_path)
 
 
 def test_a_directory_without_a_run_is_named(run_program, tmp_path):

@@ -18,6 +18,7 @@ from fbrl.agent import make_model, make_training_reward
 from fbrl.analysis.run_log import read_run_log
 from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train import parse
+from fbrl.collect import MatchCollector
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
@@ -72,12 +73,12 @@ def test_the_network_is_the_one_that_was_asked_for(config):
 def test_settings_reach_the_environment_and_the_reward(config, monkeypatch):
     made = {}
 
-    def make_collection_env(scenario, **options):
-        made.update(options, scenario=scenario)
-        return original(scenario, **options)
+    class RecordingCollector(MatchCollector):
+        def __init__(self, scenario, policy, **options):
+            made.update(options, scenario=scenario)
+            super().__init__(scenario, policy, **options)
 
-    original = training_matches.make_collection_env
-    monkeypatch.setattr(training_matches, "make_collection_env", make_collection_env)
+    monkeypatch.setattr(training_matches, "MatchCollector", RecordingCollector)
     config = dataclasses.replace(
         config, transition="consecutive", num_threads=1, observation="minimap", eval_episodes=0
     )

@@ -201,14 +201,20 @@ void bind_matches(nb::module_ &module) {
                                 "    kind: 'sleep' for seconds, as an engine on a core of its own would take;\n"
                                 "        'hang', 'throw' or 'abort', the faults that an engine may have.\n"
                                 "    engine_seed: Of the episode in which it happens; None for all.\n"
-                                "    seconds: How long a sleep takes.\n")
+                                "    seconds: How long a sleep takes.\n"
+                                "    spread: Seconds that it is drawn to be shorter or longer, at most.\n"
+                                "    reset_seconds: How much longer one step in steps_per_reset takes, drawn too.\n"
+                                "    steps_per_reset: 0 for none.\n")
       .def("__init__",
            [](fbrl::Disturbance *disturbance, const std::string &kind,
-              std::optional<std::uint32_t> engine_seed, double seconds) {
-             new (disturbance) fbrl::Disturbance{disturbance_named(kind), engine_seed,
-                                                 std::chrono::duration<double>(seconds)};
+              std::optional<std::uint32_t> engine_seed, double seconds, double spread,
+              double reset_seconds, int steps_per_reset) {
+             using Seconds = std::chrono::duration<double>;
+             new (disturbance) fbrl::Disturbance{disturbance_named(kind), engine_seed, Seconds(seconds),
+                                                 Seconds(spread), Seconds(reset_seconds), steps_per_reset};
            },
-           "kind"_a, "engine_seed"_a = nb::none(), "seconds"_a = 0.0);
+           "kind"_a, "engine_seed"_a = nb::none(), "seconds"_a = 0.0, "spread"_a = 0.0,
+           "reset_seconds"_a = 0.0, "steps_per_reset"_a = 0);
 
   nb::class_<PyMatches>(module, "Matches", nb::is_weak_referenceable())
       .def("__init__",
@@ -232,11 +238,16 @@ void bind_matches(nb::module_ &module) {
            "matches"_a, "rows"_a, "Has these matches begin the episodes that are prepared.")
       .def("send_step",
            [](PyMatches &matches, const std::vector<int> &which, const std::vector<int> &actions,
-              nb::object rows) {
-             return PyBatch(open(matches),
-                            open(matches)->send_step(which, actions, rows_for(*open(matches), rows)), rows);
+              nb::object rows, nb::object next_rows) {
+             MatchPool &pool = *open(matches);
+             const auto next = next_rows.is_none() ? nullptr : rows_for(pool, next_rows);
+             return PyBatch(open(matches), pool.send_step(which, actions, rows_for(pool, rows), next),
+                            nb::make_tuple(rows, next_rows));
            },
-           "matches"_a, "actions"_a, "rows"_a, "Has these matches play a step, each with its action.")
+           "matches"_a, "actions"_a, "rows"_a, "next_rows"_a = nb::none(),
+           "Has these matches play a step, each with its action.\n\n"
+           "With next_rows those that end go on with the episodes that are prepared, and what the next\n"
+           "step begins with is written there.")
       .def("send_restore",
            [](PyMatches &matches, int match, const nb::bytes &engine, int waiting_steps,
               int previous_score_difference, int previous_game_mode, int previous_ball_owned_team,

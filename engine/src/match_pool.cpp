@@ -5,6 +5,7 @@
 #include <deque>
 #include <functional>
 #include <mutex>
+#include <random>
 #include <stdexcept>
 #include <thread>
 
@@ -42,6 +43,15 @@ void write(const Match &match, int index, const Rows &rows) {
 
 void begin_prepared(Slot &slot) { slot.match.reset(slot.prepared->config); }
 
+void sleep(const Disturbance &disturbance) {
+  thread_local std::minstd_rand random{std::random_device{}()};
+  std::uniform_real_distribution<double> centred(-1, 1);
+  auto time = disturbance.sleep + disturbance.spread * centred(random);
+  const int steps = disturbance.steps_per_reset;
+  if (steps > 0 && std::uniform_int_distribution<int>(1, steps)(random) == 1) time += disturbance.reset;
+  std::this_thread::sleep_for(time);
+}
+
 // Plays a step, or what takes its place in this episode.
 void step(Slot &slot, int action, const std::optional<Disturbance> &disturbance) {
   if (!disturbance || disturbance->engine_seed.value_or(slot.engine_seed) != slot.engine_seed) {
@@ -50,7 +60,7 @@ void step(Slot &slot, int action, const std::optional<Disturbance> &disturbance)
   }
   switch (disturbance->kind) {
     case Disturbance::Kind::kSleep:
-      std::this_thread::sleep_for(disturbance->sleep);
+      sleep(*disturbance);
       return;
     case Disturbance::Kind::kHang:
       while (true) std::this_thread::sleep_for(std::chrono::hours(1));
@@ -78,6 +88,7 @@ struct MatchPool::Shared {
   mutable std::mutex mutex;
   std::condition_variable work, done;
   std::deque<Job> jobs;
+  int threads_waiting = 0;
   std::uint64_t jobs_begun = 0;
   int threads = 0;
   bool ending = false;
@@ -96,17 +107,29 @@ struct MatchPool::Shared {
     return slot;
   }
 
-  void send(Job job) {
-    slots[job.match]->busy = true;
-    job.batch->left++;
-    jobs.push_back(std::move(job));
-    work.notify_one();
+  // Goes on to the episode that is prepared, which messages then name.
+  void enter_prepared(Slot &slot) {
+    slot.engine_seed = slot.prepared->engine_seed;
+    slot.episode_number = slot.prepared->number;
+  }
+
+  // On the thread that plays the match, without the lock.
+  void begin_next(Slot &slot) {
+    {
+      const std::lock_guard lock(mutex);
+      enter_prepared(slot);
+    }
+    begin_prepared(slot);
+    slot.prepared.reset();
+    slot.running = true;
   }
 
   void play_jobs() {
     std::unique_lock lock(mutex);
     while (true) {
+      threads_waiting++;
       work.wait(lock, [this] { return ending || !jobs.empty(); });
+      threads_waiting--;
       if (ending) break;
       const Job job = std::move(jobs.front());
       jobs.pop_front();
@@ -137,6 +160,30 @@ struct MatchPool::Shared {
     threads--;
     done.notify_all();
   }
+};
+
+// Holds the lock while work is sent, and only then wakes threads, which would wait for the lock.
+class MatchPool::Sending {
+ public:
+  explicit Sending(Shared &shared) : shared_(shared), lock_(shared.mutex) {}
+  ~Sending() {
+    lock_.unlock();
+    while (to_wake_-- > 0) shared_.work.notify_one();
+  }
+  Sending(const Sending &) = delete;
+  Sending &operator=(const Sending &) = delete;
+
+  void send(Shared::Job job) {
+    shared_.slots[job.match]->busy = true;
+    job.batch->left++;
+    if (static_cast<int>(shared_.jobs.size()) < shared_.threads_waiting) to_wake_++;
+    shared_.jobs.push_back(std::move(job));
+  }
+
+ private:
+  Shared &shared_;
+  std::unique_lock<std::mutex> lock_;
+  int to_wake_ = 0;
 };
 
 MatchPool::MatchPool(std::string scenario, int num_matches, int num_threads, std::string data_dir)
@@ -177,7 +224,7 @@ void MatchPool::prepare(int match, Episode episode) {
 
 std::shared_ptr<Batch> MatchPool::send_begin(const std::vector<int> &matches,
                                              std::shared_ptr<const Rows> rows) {
-  const std::lock_guard lock(shared_->mutex);
+  Sending sending(*shared_);
   for (int match : matches) {
     if (!shared_->free_slot(match).prepared) {
       throw std::logic_error("Match " + std::to_string(match) + " has no episode prepared.");
@@ -185,10 +232,8 @@ std::shared_ptr<Batch> MatchPool::send_begin(const std::vector<int> &matches,
   }
   auto batch = std::make_shared<Batch>();
   for (int match : matches) {
-    Slot &slot = *shared_->slots[match];
-    slot.engine_seed = slot.prepared->engine_seed;
-    slot.episode_number = slot.prepared->number;
-    shared_->send({match, batch, [match, rows](Slot &slot) {
+    shared_->enter_prepared(*shared_->slots[match]);
+    sending.send({match, batch, [match, rows](Slot &slot) {
                      if (!slot.begun_ahead) begin_prepared(slot);
                      slot.begun_ahead = false;
                      slot.prepared.reset();
@@ -201,25 +246,38 @@ std::shared_ptr<Batch> MatchPool::send_begin(const std::vector<int> &matches,
 
 std::shared_ptr<Batch> MatchPool::send_step(const std::vector<int> &matches,
                                             const std::vector<int> &actions,
-                                            std::shared_ptr<const Rows> rows) {
-  const std::lock_guard lock(shared_->mutex);
+                                            std::shared_ptr<const Rows> rows,
+                                            std::shared_ptr<const Rows> next_rows) {
+  Sending sending(*shared_);
   for (int match : matches) {
-    if (!shared_->free_slot(match).running) {
-      throw std::logic_error("Match " + std::to_string(match) + " is not running.");
+    const Slot &slot = shared_->free_slot(match);
+    if (!slot.running) throw std::logic_error("Match " + std::to_string(match) + " is not running.");
+    if (next_rows && !slot.prepared) {
+      throw std::logic_error("Match " + std::to_string(match) + " has no episode prepared.");
     }
   }
   auto batch = std::make_shared<Batch>();
   for (std::size_t i = 0; i < matches.size(); i++) {
     const int match = matches[i], action = actions.at(i);
     if (action < 0 || action >= kNumActions) throw std::logic_error("There is no such action.");
-    shared_->send({match, batch, [match, action, rows, disturbance = shared_->disturbance](Slot &slot) {
+    sending.send({match, batch,
+                   [match, action, rows, next_rows, shared = shared_.get(),
+                    disturbance = shared_->disturbance](Slot &slot) {
                      step(slot, action, disturbance);
                      write(slot.match, match, *rows);
-                     slot.running = !slot.match.terminated() && !slot.match.truncated();
-                     if (!slot.running && slot.prepared) {
+                     if (!slot.match.terminated() && !slot.match.truncated()) {
+                       if (next_rows) write(slot.match, match, *next_rows);
+                       return;
+                     }
+                     slot.running = false;
+                     if (!slot.prepared) return;
+                     if (!next_rows) {
                        begin_prepared(slot);
                        slot.begun_ahead = true;
+                       return;
                      }
+                     shared->begin_next(slot);
+                     write(slot.match, match, *next_rows);
                    }});
   }
   return batch;
@@ -227,13 +285,12 @@ std::shared_ptr<Batch> MatchPool::send_step(const std::vector<int> &matches,
 
 std::shared_ptr<Batch> MatchPool::send_restore(int match, MatchState state,
                                                std::shared_ptr<const Rows> rows) {
-  const std::lock_guard lock(shared_->mutex);
+  Sending sending(*shared_);
   Slot &slot = shared_->free_slot(match);
   if (!slot.prepared) throw std::logic_error("Its episode has to be prepared.");
-  slot.engine_seed = slot.prepared->engine_seed;
-  slot.episode_number = slot.prepared->number;
+  shared_->enter_prepared(slot);
   auto batch = std::make_shared<Batch>();
-  shared_->send({match, batch, [match, state = std::move(state), rows](Slot &slot) {
+  sending.send({match, batch, [match, state = std::move(state), rows](Slot &slot) {
                    slot.running = false;
                    begin_prepared(slot);
                    slot.begun_ahead = false;

@@ -40,7 +40,10 @@ struct Disturbance {
   Kind kind;
   // In the episode of this seed alone, or in all of them.
   std::optional<std::uint32_t> engine_seed;
-  std::chrono::duration<double> sleep{0};
+  // How long a sleep takes: this, give or take up to the spread. One step in so many, drawn as well,
+  // takes the time of a reset longer; none with 0.
+  std::chrono::duration<double> sleep{0}, spread{0}, reset{0};
+  int steps_per_reset = 0;
 };
 
 // Work that was sent together.
@@ -63,8 +66,11 @@ class MatchPool {
   // Each returns at once, and throws std::logic_error where a match is not in a state for it. Rows are
   // written by the time that the batch is done.
   std::shared_ptr<Batch> send_begin(const std::vector<int> &matches, std::shared_ptr<const Rows> rows);
+  // With next_rows, the matches that end go on with the episodes that are prepared for them, and what the
+  // next step begins with is written there; without, they wait for send_begin.
   std::shared_ptr<Batch> send_step(const std::vector<int> &matches, const std::vector<int> &actions,
-                                   std::shared_ptr<const Rows> rows);
+                                   std::shared_ptr<const Rows> rows,
+                                   std::shared_ptr<const Rows> next_rows = nullptr);
   // Begins the prepared episode and goes on from a state of it.
   std::shared_ptr<Batch> send_restore(int match, MatchState state, std::shared_ptr<const Rows> rows);
 
@@ -85,6 +91,7 @@ class MatchPool {
 
  private:
   struct Shared;
+  class Sending;
   std::shared_ptr<Shared> shared_;
 };
 

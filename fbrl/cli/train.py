@@ -70,8 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _main(config: TrainConfig, resume: bool) -> None:
     # Seconds of imports, which --help and a mistyped option needn't wait for.
     from fbrl.checkpoint import CheckpointError
+    from fbrl.collect.collector import MatchWorkersError
     from fbrl.envs import EngineNotInstalledError
-    from fbrl.envs.process_vector_env import MatchWorkersError
     from fbrl.ppo.update import TrainingDivergedError
     from fbrl.training import TrainListener, train
     from fbrl.training.run_checkpoints import TrainingNotSavedError

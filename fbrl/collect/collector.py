@@ -1,113 +1,111 @@
-"""Collects batches by stepping all matches together."""
+"""What collects batches for PPO, and the simplest that does."""
 
 from __future__ import annotations
 
 import abc
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 from torch import nn
 from torchrl.envs import EnvBase
 
-from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.models.actor_critic import CollectionPolicy
 
 
+class MatchWorkersError(RuntimeError):
+    """Raised when workers that play matches have died, or hung, too often."""
+
+
 class BatchCollector(abc.ABC):
-    """What collects batches for PPO.
-
-    Attributes:
-        state: What the next batch begins with, shape (num_envs,), as far as this process knows it;
-            None until the matches have begun.
-    """
-
-    def __init__(self) -> None:
-        self.state: TensorDictBase | None = None
+    """What collects batches for PPO, wherever the matches are played."""
 
     @abc.abstractmethod
     def set_seed(self, seed: int) -> None:
         """Seeds the matches that begin with the next reset."""
 
     @abc.abstractmethod
-    def reset(self) -> TensorDictBase:
-        """Starts an episode in every match, and returns what they begin with."""
+    def reset(self) -> None:
+        """Starts an episode in every match."""
 
     @abc.abstractmethod
     def collect(self) -> TensorDictBase:
-        """Returns a batch of shape (num_envs, num_steps), after a reset the first time."""
+        """Plays ``num_steps`` steps in each match, after a reset the first time.
+
+        Returns:
+            A batch of shape (num_envs, num_steps) on the CPU, valid until the next call.
+        """
+
+    def begin_next(self) -> None:  # noqa: B027 (most have nothing to do)
+        """Begins the next batch at once, where it can be collected while one is learned from."""
+
+    def wait(self) -> None:  # noqa: B027
+        """Waits until no match is being played; :meth:`collect` goes on from there."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """What the next batch begins with, as a checkpoint takes it.
+
+        Returns:
+            ``matches``, the state of each, and ``next_step``, what the policy is to look at and
+            what is remembered of the episodes so far; both empty where it can't be told.
+        """
+        return {"matches": [], "next_step": {}}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Has the next batch begin with what :meth:`state_dict` told.
+
+        Raises:
+            ValueError: It is not that of such matches, as far as can be seen.
+            LookupError: Something is missing in it.
+        """
+        raise NotImplementedError
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Ends the matches."""
 
 
 class RolloutCollector(BatchCollector):
-    """Steps all matches together in this process, batch after batch, without resetting between.
-
-    The matches run in the environment's own threads on the CPU, where the batches lie too. The
-    policy may be on a GPU: it fetches the observation, and nothing else, and hands back what it
-    chose, so that each step waits for the GPU once.
-
-    TorchRL's ``Collector`` does the same, but has no way to say where the next batch begins or to
-    begin one there, which going on with a training takes.
+    """Steps any TorchRL environment, batch after batch, without resetting between.
 
     Args:
         env: A vectorised environment with batch size (num_envs,).
         policy: Reads the observation; writes ``action``, ``action_log_prob``, ``state_value``.
         num_steps: Steps of each match in a batch.
-        bookkeeping: What completes each batch, where the environment leaves that to it.
-
-    Attributes:
-        policy: As it was given.
-        state: What the next batch begins with, shape (num_envs,); None until the environment has
-            been reset. A batch that is broken off leaves it as it was.
     """
 
-    def __init__(
-        self,
-        env: EnvBase,
-        policy: CollectionPolicy,
-        num_steps: int,
-        bookkeeping: EpisodeBookkeeping | None = None,
-    ) -> None:
-        super().__init__()
+    def __init__(self, env: EnvBase, policy: CollectionPolicy, num_steps: int) -> None:
         self._env = env
-        self.policy = policy
+        self._policy = policy
         self._num_steps = num_steps
-        self._bookkeeping = bookkeeping
-        self._batch: TensorDictBase | None = None
+        self._state: TensorDictBase | None = None
 
     def set_seed(self, seed: int) -> None:
-        """Seeds the matches that begin with the next reset."""
+        """See :meth:`BatchCollector.set_seed`."""
         self._env.set_seed(seed)
 
-    @torch.no_grad()
-    def reset(self) -> TensorDictBase:
-        """Starts an episode in every match, and returns what they begin with."""
-        state = self._env.reset()
-        if self._bookkeeping:
-            self._bookkeeping.begin(state)
-        self.state = state
-        return state
+    def reset(self) -> None:
+        """See :meth:`BatchCollector.reset`."""
+        self._state = self._env.reset()
 
     @torch.no_grad()
     def collect(self) -> TensorDictBase:
-        """Plays ``num_steps`` steps in each match, after a reset the first time.
-
-        Returns:
-            A batch of shape (num_envs, num_steps), valid until the next call.
-        """
-        start = self.reset() if self.state is None else self.state
-        # Left in, the environment would hand them on from step to step.
-        state = start.exclude(*self._bookkeeping.keys) if self._bookkeeping else start.copy()
+        """See :meth:`BatchCollector.collect`."""
+        if self._state is None:
+            self.reset()
         steps: list[TensorDictBase] = []
-        for _ in range(self._num_steps):
-            step, state = self._env.step_and_maybe_reset(self.policy.sample(state))
-            steps.append(step)
-        stacked: TensorDictBase = torch.stack(steps, -1, out=self._batch)
-        batch = stacked.copy()
-        if self._bookkeeping:
-            batch = self._bookkeeping.complete(batch, start, state)
-        self._batch, self.state = stacked, state
+        with torch_threads(inference_threads(self._policy)):
+            for _ in range(self._num_steps):
+                step, self._state = self._env.step_and_maybe_reset(self._policy.sample(self._state))
+                steps.append(step)
+        batch: TensorDictBase = torch.stack(steps, -1)
         return batch
+
+    def close(self) -> None:
+        """See :meth:`BatchCollector.close`."""
+        self._env.close()
 
 
 def inference_threads(policy: CollectionPolicy) -> int:

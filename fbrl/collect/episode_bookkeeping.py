@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import torch
 from tensordict import NestedKey, TensorDictBase
 
@@ -21,13 +19,11 @@ class EpisodeBookkeeping:
 
     Args:
         reward: Labels the batch.
-        drop: Raw observation keys that nothing needs afterwards.
     """
 
-    def __init__(self, reward: ScoringReward, drop: Iterable[str] = ()) -> None:
+    def __init__(self, reward: ScoringReward) -> None:
         self._reward = reward
         self._play_statistics = PlayStatistics()
-        self._drop = tuple(drop)
         self._summed = ("reward", *reward.part_names)
         self._sums = [EPISODE_PREFIX + name for name in self._summed]
 
@@ -49,9 +45,7 @@ class EpisodeBookkeeping:
             state.set(name, torch.zeros((*state.shape, 1)))
         state.set(EPISODE_LENGTH, torch.zeros((*state.shape, 1), dtype=torch.int64))
 
-    def complete(
-        self, batch: TensorDictBase, start: TensorDictBase, end: TensorDictBase
-    ) -> TensorDictBase:
+    def complete(self, batch: TensorDictBase, start: TensorDictBase, end: TensorDictBase) -> None:
         """Writes everything into a batch of steps that follow each other.
 
         Args:
@@ -59,14 +53,10 @@ class EpisodeBookkeeping:
             start: What the first steps went on from, shape (num_envs,).
             end: What the last steps led to, after the resets; it is given what the next batch
                 has to go on from.
-
-        Returns:
-            The batch without the keys to be dropped.
         """
         self._reward.label(batch, start, end)
         self._play_statistics.label(batch, start, end)
         self._add_up(batch.get("next"), start, end)
-        return batch.exclude(*self._drop, *(("next", key) for key in self._drop))
 
     def _add_up(
         self, following: TensorDictBase, start: TensorDictBase, end: TensorDictBase

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from concurrent.futures import Future, TimeoutError
 from typing import Any
 
+from fbrl.collect.collector import MatchWorkersError
 from fbrl.config import ConfigError, TrainConfig
-from fbrl.envs.process_vector_env import MatchWorkersError
 
 ADDRESS_VARIABLE = "RAY_ADDRESS"
 HEAD_TIMEOUT = 20

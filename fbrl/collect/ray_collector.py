@@ -19,12 +19,11 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.collectors.distributed import RayCollector
 from torchrl.envs import ExplorationType
 
-from fbrl.collect.collector import BatchCollector
+from fbrl.collect.collector import BatchCollector, MatchWorkersError
 from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.collect.ray_cluster import RayHeadLostError, check_head, workers_and_cpus
 from fbrl.collect.ray_worker import CONCURRENCY_GROUPS, MakeMatches, MakePolicy, MatchCollector
 from fbrl.config import ConfigError, TrainConfig
-from fbrl.envs.process_vector_env import MAX_RESTARTS, MatchWorkersError
 from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.transforms import ScoringReward
 
@@ -34,6 +33,9 @@ START_TIMEOUT = 120
 
 SECONDS_BETWEEN_QUESTIONS = 1
 """To a worker that plays, whether it still does."""
+
+MAX_RESTARTS = 10
+"""Of all workers together, by default."""
 
 LOGS = "What it printed is on its node, in /tmp/ray/session_latest/logs."
 
@@ -77,8 +79,8 @@ class RayMatchCollector(BatchCollector):
         timeout: Seconds after which a worker that does not answer is replaced; 0 for never. A
             worker answers while it plays, however long a batch takes.
         on_restart: Called with one line about each worker that is replaced.
-        max_restarts: How often that may happen, to all workers together; by default as often as
-            with processes.
+        max_restarts: How often that may happen, to all workers together; by default
+            :data:`MAX_RESTARTS`.
 
     Attributes:
         lost_matches: Matches that were lost so far.
@@ -98,7 +100,6 @@ class RayMatchCollector(BatchCollector):
         on_restart: Callable[[str], None] = lambda line: None,
         max_restarts: int | None = None,
     ) -> None:
-        super().__init__()
         self._policy = policy
         self._scenario = config.scenario
         self._num_envs = config.ppo.num_envs
@@ -169,12 +170,9 @@ class RayMatchCollector(BatchCollector):
         """Seeds what begins with the next :meth:`reset`."""
         self._random = np.random.default_rng(seed)
 
-    def reset(self) -> TensorDictBase:
+    def reset(self) -> None:
         """Has all workers begin new matches with the next batch."""
         self._seeds = [self._new_seed() for _ in self._workers]
-        # Where the matches are is known to the workers alone.
-        self.state = TensorDict(batch_size=[self._num_envs], device="cpu")
-        return self.state
 
     def collect(self) -> TensorDictBase:
         """Has ``num_steps`` steps played in each match, after a reset the first time.
@@ -186,7 +184,7 @@ class RayMatchCollector(BatchCollector):
             MatchWorkersError: Workers died or hung too often, or one that did finds no place any
                 more, or the head of the cluster is lost.
         """
-        if self.state is None:
+        if not self._seeds:
             self.reset()
         self._check_head()
         weights = ray.put(TensorDict.from_module(self._policy).data.cpu())

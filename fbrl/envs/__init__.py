@@ -12,7 +12,6 @@ from fbrl.envs.actions import ACTION_NAMES
 from fbrl.envs.football import FootballEnv
 from fbrl.envs.gfootball_import import EngineNotInstalledError
 from fbrl.envs.observation import OBSERVATION_SPACE
-from fbrl.envs.process_vector_env import FootballProcessVectorEnv, MatchWorkersError
 from fbrl.envs.scenarios import SCENARIOS, Scenario
 from fbrl.envs.vector_env import FootballVectorEnv
 
@@ -25,9 +24,7 @@ __all__ = [
     "SCENARIOS",
     "EngineNotInstalledError",
     "FootballEnv",
-    "FootballProcessVectorEnv",
     "FootballVectorEnv",
-    "MatchWorkersError",
     "Scenario",
     "UnknownNameError",
     "make_env",

@@ -17,7 +17,6 @@ from torchrl.envs import (
 from fbrl.checks.names import check_name
 from fbrl.envs.episode_seeds import check_seed
 from fbrl.envs.observation import OBSERVATION_SPACE, select_space
-from fbrl.envs.process_vector_env import FootballProcessVectorEnv
 from fbrl.envs.torchrl_matches import FootballMatches
 from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
 from fbrl.transforms import (
@@ -157,7 +156,7 @@ def make_env(
     return env
 
 
-def as_torchrl(matches: FootballVectorEnv | FootballProcessVectorEnv) -> FootballMatches:
+def as_torchrl(matches: FootballVectorEnv) -> FootballMatches:
     """The matches as TorchRL's environment on the CPU, with actions as integers."""
     return FootballMatches(matches, categorical_action_encoding=True, device="cpu")
 

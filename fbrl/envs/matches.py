@@ -85,7 +85,8 @@ class Matches:
             **{k: np.zeros((num_matches, *(s.shape or ())), s.dtype) for k, s in spaces.items()},
             **{key: np.zeros(num_matches, dtype) for key, dtype in _RESULTS.items()},
         }
-        self._rows = engine.Rows(self.arrays)
+        self.make_rows = engine.Rows
+        self._rows = self.make_rows(self.arrays)
         self.episodes = [(0, 0)] * num_matches
         self._prepared = list(self.episodes)
 

@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import GymWrapper
 
-from fbrl.envs.vector_env import MatchesVectorEnv
+from fbrl.envs.vector_env import FootballVectorEnv
 
 
 class FootballMatches(GymWrapper):
@@ -27,7 +27,7 @@ class FootballMatches(GymWrapper):
     """
 
     @property
-    def matches(self) -> MatchesVectorEnv:
+    def matches(self) -> FootballVectorEnv:
         """The vector environment that is wrapped."""
         return self._env
 

@@ -29,85 +29,7 @@ ActionSet = Literal["default", "v2"]
 ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
 
 
-class MatchesVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
-    """What all vector environments of matches are alike in: scenario, spaces and no autoreset.
-
-    Args:
-        scenario, num_envs, observation_keys, action_set: As for :class:`FootballVectorEnv`.
-    """
-
-    metadata: dict[str, Any] = {  # noqa: RUF012 (the base class's type)
-        "autoreset_mode": AutoresetMode.DISABLED,
-        "render_modes": [],
-    }
-
-    def __init__(
-        self,
-        scenario: str,
-        num_envs: int,
-        observation_keys: Iterable[str] | None,
-        action_set: ActionSet,
-    ) -> None:
-        self.scenario = check_scenario(scenario)
-        self.num_envs = num_envs
-        # TorchRL's GymWrapper asks the instance, not its metadata.
-        self.autoreset_mode = AutoresetMode.DISABLED
-        self.single_observation_space: spaces.Dict = select_space(observation_keys)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._num_actions = ACTIONS_IN_SET[check_name("action_set", action_set, ACTIONS_IN_SET)]
-        self.single_action_space = spaces.Discrete(self._num_actions)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-
-    @property
-    def episodes(self) -> list[tuple[int, int]]:
-        """Engine seed and number of each match's episode, which decide all but the actions."""
-        raise NotImplementedError
-
-    @property
-    def has_lost_matches(self) -> bool:
-        """Whether there are matches that were lost and that the next step has to end."""
-        return False
-
-    def get_state(self) -> list[dict[str, Any]]:
-        """The state of each match, which has to be running, and of its next episodes' seeds.
-
-        Numbers, strings and bytes; 30 to 80 KB for each match.
-
-        Raises:
-            RuntimeError: A match has not begun or has ended.
-        """
-        raise NotImplementedError
-
-    def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
-        """Goes on from a state: all matches, and those after them, then replay exactly.
-
-        Args:
-            states: Of as many matches of this scenario, from a source that is trusted: see
-                :meth:`fbrl.envs.matches.Matches.set_state`.
-
-        Raises:
-            ValueError: They are not, as far as can be seen.
-        """
-        raise NotImplementedError
-
-    def _check_open(self) -> None:
-        if self.closed:
-            raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")
-
-    def _check_number_of_states(self, states: Sequence[Mapping[str, Any]]) -> None:
-        if not isinstance(states, Sequence) or len(states) != self.num_envs:
-            number = len(states) if isinstance(states, Sequence) else repr(states)
-            raise ValueError(f"There are states of {number} matches for {self.num_envs} matches.")
-
-    def _check_none_ended(self, ended: Iterable[int], call: str) -> None:
-        if numbers := sorted(ended):
-            raise RuntimeError(
-                f"Matches {numbers} of {self.scenario!r} have not begun or have ended: call "
-                f"reset(options={{'reset_mask': mask}}) for them before {call}."
-            )
-
-
-class FootballVectorEnv(MatchesVectorEnv):
+class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     """Several independent matches of one scenario, stepped by the engine's threads.
 
     These hold no Python lock, so that they are as parallel as processes, with no pickling, no
@@ -136,8 +58,8 @@ class FootballVectorEnv(MatchesVectorEnv):
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (the base class's type)
-        **MatchesVectorEnv.metadata,
         **RENDER_METADATA,
+        "autoreset_mode": AutoresetMode.DISABLED,
     }
 
     def __init__(
@@ -153,13 +75,20 @@ class FootballVectorEnv(MatchesVectorEnv):
         num_envs = check_count("num_envs", num_envs)
         if num_threads is not None:
             num_threads = check_count("num_threads", num_threads)
-        super().__init__(scenario, num_envs, observation_keys, action_set)
+        self.scenario = check_scenario(scenario)
+        self.num_envs = num_envs
+        # TorchRL's GymWrapper asks the instance, not its metadata.
+        self.autoreset_mode = AutoresetMode.DISABLED
+        self.single_observation_space: spaces.Dict = select_space(observation_keys)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._num_actions = ACTIONS_IN_SET[check_name("action_set", action_set, ACTIONS_IN_SET)]
+        self.single_action_space = spaces.Discrete(self._num_actions)
+        self.action_space = batch_space(self.single_action_space, num_envs)
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
         self.render_mode = check_render_mode(render_mode)
         keys, drawn_keys = self.single_observation_space, DRAWN_KEYS if render_mode else ()
         self._matches = Matches(scenario, num_envs, self.num_threads, keys, drawn_keys)
         self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
-        self._first_match = 0
         # What each match begins at its end, while the other ones are still stepped.
         self._next_episodes: list[EpisodeSeeds | None] = [None] * num_envs
 
@@ -196,18 +125,8 @@ class FootballVectorEnv(MatchesVectorEnv):
         return self._matches.observe(), info
 
     @property
-    def first_match(self) -> int:
-        """The number by which errors call the first match; not 0 where these are a part of more."""
-        return self._first_match
-
-    @first_match.setter
-    def first_match(self, number: int) -> None:
-        self._first_match = number
-        self._matches.native.set_first_match(number)
-
-    @property
     def episodes(self) -> list[tuple[int, int]]:
-        """See :attr:`MatchesVectorEnv.episodes`."""
+        """Engine seed and number of each match's episode, which decide all but the actions."""
         return [(episode.engine_seed, episode.number) for episode in self._episodes]
 
     def step(
@@ -231,6 +150,47 @@ class FootballVectorEnv(MatchesVectorEnv):
         ]
         return self._matches.observe(), *results, {}
 
+    def make_rows(self, arrays: Mapping[str, np.ndarray]) -> Any:
+        """Arrays for :meth:`send_step` to write to, checked once.
+
+        Args:
+            arrays: By names of observation keys, or ``reward``, ``terminated``, ``truncated``; of
+                shape (num_envs, ...), the first axis with any stride.
+        """
+        return self._matches.make_rows(arrays)
+
+    def send_step(
+        self, matches: Sequence[int], actions: Sequence[int], rows: Any, next_rows: Any
+    ) -> Any:
+        """Has some matches play a step, and on into their next episode where theirs ends.
+
+        Nothing is checked in Python, and other matches can be sent meanwhile.
+
+        Args:
+            matches: Their numbers; none of them is being played.
+            actions: One of each.
+            rows: From :meth:`make_rows`: what the step leads to.
+            next_rows: From :meth:`make_rows`: what the next step begins with.
+
+        Returns:
+            What to ``wait()`` for before the arrays are read. Then the matches whose episode has
+            ended are to be named to :meth:`begun_anew`.
+        """
+        return self._matches.native.send_step(matches, actions, rows, next_rows)
+
+    def begun_anew(self, matches: Iterable[int]) -> None:
+        """Goes on to the episodes that matches have begun by themselves, see :meth:`send_step`."""
+        for index in matches:
+            episode = self._next_episodes[index]
+            assert episode is not None
+            self._episodes[index] = episode
+            self._matches.episodes[index] = episode.engine_seed, episode.number
+            self._prepare_next(index)
+
+    def disturb(self, disturbance: Any) -> None:
+        """Puts something in the place of steps: the engine's ``Disturbance``, or None to end it."""
+        self._matches.native.disturb(disturbance)
+
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Draws what each match came to last, see :meth:`FootballEnv.render`.
 
@@ -247,7 +207,13 @@ class FootballVectorEnv(MatchesVectorEnv):
         )
 
     def get_state(self) -> list[dict[str, Any]]:
-        """See :meth:`MatchesVectorEnv.get_state`."""
+        """The state of each match, which has to be running, and of its next episodes' seeds.
+
+        Numbers, strings and bytes; 30 to 80 KB for each match.
+
+        Raises:
+            RuntimeError: A match has not begun or has ended.
+        """
         self._check_open()
         self._check_none_ended(self._matches.not_running(), "get_state()")
         return [
@@ -258,15 +224,40 @@ class FootballVectorEnv(MatchesVectorEnv):
             for index, episodes in enumerate(self._episodes)
         ]
 
-    def set_state(self, states: Sequence[Mapping[str, Any]]) -> None:
-        """See :meth:`MatchesVectorEnv.set_state`."""
-        self._check_number_of_states(states)
+    def set_state(self, states: Sequence[Mapping[str, Any]]) -> Observation:
+        """Goes on from a state: all matches, and those after them, then replay exactly.
+
+        Args:
+            states: Of as many matches of this scenario, from a source that is trusted: see
+                :meth:`fbrl.envs.matches.Matches.set_state`.
+
+        Returns:
+            What is observed of them.
+
+        Raises:
+            ValueError: They are not, as far as can be seen.
+        """
+        if not isinstance(states, Sequence) or len(states) != self.num_envs:
+            number = len(states) if isinstance(states, Sequence) else repr(states)
+            raise ValueError(f"There are states of {number} matches for {self.num_envs} matches.")
         for index, state in enumerate(states):
             self._set_match_state(index, state)
+        return self._matches.observe()
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the threads and hands the engines on to the next matches of this process."""
         self._matches.close()
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")
+
+    def _check_none_ended(self, ended: Iterable[int], call: str) -> None:
+        if numbers := sorted(ended):
+            raise RuntimeError(
+                f"Matches {numbers} of {self.scenario!r} have not begun or have ended: call "
+                f"reset(options={{'reset_mask': mask}}) for them before {call}."
+            )
 
     def _choose_episode(self, index: int, seed: int | None) -> None:
         """Goes on to the episode that comes next, or to the first one of a seed."""
@@ -292,5 +283,4 @@ class FootballVectorEnv(MatchesVectorEnv):
             self._prepare_next(index)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             reason = f"{type(error).__name__}: {error}"
-            number = self.first_match + index
-            raise ValueError(f"State {number} is not that of a match ({reason}).") from error
+            raise ValueError(f"State {index} is not that of a match ({reason}).") from error

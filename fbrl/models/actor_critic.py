@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from typing import Literal
 
@@ -76,19 +75,6 @@ class ActorCritic(ActorValueOperator):
             ),
             ValueOperator(value_head, in_keys=["hidden"]),
         )
-        self._compile_mode: str | None = None
-
-    def compile_trunk(self, *, cuda_graphs: bool = False) -> None:
-        """Compiles the trunk, when it is first called, with ``torch.compile``, in place.
-
-        It keeps its parameters and their names.
-
-        Args:
-            cuda_graphs: Let each call replay a CUDA graph, without the launch of each kernel; the
-                same as without on a CPU.
-        """
-        self._compile_mode = "reduce-overhead" if cuda_graphs else "default"
-        self.get_submodule("module.0.module").compile(mode=self._compile_mode)
 
     def get_collection_policy(self) -> CollectionPolicy:
         """Returns the policy that acts in the environment; it shares the parameters."""
@@ -96,14 +82,6 @@ class ActorCritic(ActorValueOperator):
         policy_head = self.get_submodule("module.1.module.0.module")
         value_head = self.get_submodule("module.2.module")
         return CollectionPolicy(trunk, policy_head, value_head, self.module[0].in_keys[0])
-
-    def copy_collection_policy(self) -> CollectionPolicy:
-        """Returns a policy with parameters of its own; its trunk is compiled if the model's is."""
-        policy = copy.deepcopy(self.get_collection_policy())
-        if self._compile_mode is not None:
-            # A copy of a compiled module is not compiled.
-            policy.trunk.compile(mode=self._compile_mode)
-        return policy
 
 
 class CollectionPolicy(TensorDictModuleBase):
@@ -153,6 +131,41 @@ class CollectionPolicy(TensorDictModuleBase):
         """
         return self._act(tensordict, ExplorationType.RANDOM)
 
+    @property
+    def device(self) -> torch.device:
+        """Where the parameters are."""
+        return self.value_head.weight.device
+
+    def draw_noise(self, num_states: int) -> torch.Tensor:
+        """The random numbers that sample an action in so many states, shape (num_states, actions).
+
+        They are what torch.multinomial draws for one draw from each state.
+        """
+        head = self.policy_head
+        return head.weight.new_empty((num_states, head.out_features)).exponential_()
+
+    @torch.no_grad()
+    def act(
+        self, observation: torch.Tensor, noise: torch.Tensor | None
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Chooses actions by tensors alone.
+
+        Args:
+            observation: shape (states, ...), on any device.
+            noise: from :meth:`draw_noise`; ``None`` for the most probable actions.
+
+        Returns:
+            The actions (states,), their log-probabilities (states,) and the values of the states
+            (states, 1), on the policy's device.
+        """
+        hidden = self.trunk(self._on_device(observation))
+        logits = self.policy_head(hidden)
+        # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
+        log_probs = logits - logits.logsumexp(-1, keepdim=True)
+        action = (log_probs if noise is None else log_probs.softmax(-1) / noise).argmax(-1)
+        log_prob = log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1)
+        return action, log_prob, self.value_head(hidden)
+
     def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
         observation = tensordict.get(self.in_keys[0], None)
         if observation is None:
@@ -160,19 +173,21 @@ class CollectionPolicy(TensorDictModuleBase):
                 f"The policy reads {self.in_keys[0]!r}, which is not in the tensordict: it has "
                 f"{sorted(map(str, tensordict.keys()))}. Give the environment its observation."
             )
-        hidden = self.trunk(self._on_device(observation))
-        logits = self.policy_head(hidden)
-        # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
-        log_probs = logits - logits.logsumexp(-1, keepdim=True)
-        action = _choose(log_probs, exploration)
-        log_prob = log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1)
-        tensordict.set("action", action.to(observation.device))
-        tensordict.set("action_log_prob", log_prob.to(observation.device))
-        tensordict.set("state_value", self.value_head(hidden).to(observation.device))
+        noise = None
+        if exploration is ExplorationType.RANDOM:
+            noise = self.draw_noise(tensordict.numel()).reshape(*tensordict.shape, -1)
+        elif exploration not in (ExplorationType.DETERMINISTIC, ExplorationType.MODE):
+            raise ValueError(
+                f"The exploration type is {exploration}, but discrete actions have no such value: "
+                "set ExplorationType.RANDOM to sample, or DETERMINISTIC for the most probable "
+                "action."
+            )
+        for key, value in zip(self.out_keys, self.act(observation, noise), strict=True):
+            tensordict.set(key, value.to(observation.device))
         return tensordict
 
     def _on_device(self, observation: torch.Tensor) -> torch.Tensor:
-        device = self.value_head.weight.device
+        device = self.device
         if observation.device == device or device.type != "cuda":
             return observation.to(device)
         if self._pinned is None or self._pinned.shape != observation.shape:
@@ -232,20 +247,6 @@ def build_actor_critic(
         trunk = ImpalaCNN(num_frames, device=device)
     return ActorCritic(
         trunk, OBSERVATION_KEYS[observation], trunk.num_features, num_actions, device
-    )
-
-
-def _choose(log_probs: torch.Tensor, exploration: ExplorationType) -> torch.Tensor:
-    if exploration is ExplorationType.RANDOM:
-        # What torch.multinomial does for one draw, from the same random numbers, without reading
-        # the probabilities back to check them.
-        probs = log_probs.softmax(-1)
-        return (probs / torch.empty_like(probs).exponential_()).argmax(-1)
-    if exploration in (ExplorationType.DETERMINISTIC, ExplorationType.MODE):
-        return log_probs.argmax(-1)
-    raise ValueError(
-        f"The exploration type is {exploration}, but discrete actions have no such value: set "
-        f"ExplorationType.RANDOM to sample, or DETERMINISTIC for the most probable action."
     )
 
 

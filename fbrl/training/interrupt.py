@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
-from fbrl.envs.match_worker import ENDING_SIGNALS
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
+"""What terminals and schedulers send to have a process end in order."""
 
 
 class Interrupted(BaseException):

@@ -28,7 +28,7 @@ from fbrl.training.listener import TrainListener, TrainResult
 from fbrl.training.run_checkpoints import RunCheckpoints
 from fbrl.training.run_dir import RunDirLock, existing_run_dir, make_run_dir, remove_false_start
 from fbrl.training.training_loop import TrainingLoop
-from fbrl.training.training_matches import training_matches
+from fbrl.training.training_matches import make_collector
 from fbrl.training.training_state import TrainingState, check_resumable, crashes_before, has_matches
 
 
@@ -55,7 +55,7 @@ def train(
         UnknownNameError: There is no such scenario, reward or the like.
         EngineNotInstalledError: gfootball is missing.
         TrainingDivergedError: A loss is not finite; the last checkpoint is the one before.
-        MatchWorkersError: Processes that play matches died too often; the training is saved.
+        MatchWorkersError: Ray's workers died too often; the training is saved.
         TrainingNotSavedError: The training ended, but the last checkpoint can't be written.
         RunDirReplacedError: The run's directory was deleted and is another training's now.
         OSError: A file of the run can't be made to begin with.
@@ -65,8 +65,6 @@ def train(
     device = choose_device(config.device)
     torch.manual_seed(config.seed)
     model = make_model(config, device)
-    if config.compile or config.cuda_graphs:
-        model.compile_trunk(cuda_graphs=config.cuda_graphs)
     reward = make_training_reward(config, config.run_dir if resume else None)
     load_gfootball()
     with contextlib.ExitStack() as stack:
@@ -90,23 +88,23 @@ def train(
         listener.on_start(run_dir, device, frames or 0)
         if checkpoint:
             _tell_what_does_not_go_on(checkpoint, crash, config, listener)
-        env, bookkeeping = stack.enter_context(
-            training_matches(config, model, reward, listener.on_warning)
-        )
+        policy = model.get_collection_policy()
+        collector = make_collector(config, policy, reward, listener.on_warning)
+        stack.enter_context(contextlib.closing(collector))
         crashes = crashes_before(checkpoint) + (crash is not None) if checkpoint else 0
         evaluator = Evaluator(config, reward, listener.on_warning, crashes)
         stack.enter_context(contextlib.closing(evaluator))
         interrupt = stack.enter_context(Interrupt(listener.on_postponed))
-        ppo = PPO(env, model, config.ppo, bookkeeping, collect_ahead=config.collect_ahead)
+        ppo = PPO(collector, model, config.ppo)
         monitor = Monitor(run_dir, config, reward.part_names, listener.on_warning, checkpoint)
-        state = TrainingState(config, ppo, env, monitor)
+        state = TrainingState(config, ppo, monitor)
         checkpoints = RunCheckpoints(config, state, lock, interrupt, listener.on_warning, frames)
         loop = TrainingLoop(
             config, listener, state, checkpoints, evaluator, interrupt, crash_report
         )
         stack.enter_context(Watchdog(config.hang_timeout, loop.end_hung))
         # While it watches: a batch that is collected ahead may hang at the end, too.
-        stack.callback(ppo.close)
+        stack.callback(collector.wait)
         if checkpoint:
             state.load_state_dict(checkpoint, after_crash=crash is not None)
         state.begin_batch()
@@ -125,7 +123,6 @@ def _tell_what_does_not_go_on(
         )
     if config.collector == "ray" or not has_matches(checkpoint):
         listener.on_warning(
-            "The matches of Ray's workers, and those of processes of which one was just lost, "
-            "are in no checkpoint: new ones begin, with the weights, the optimiser and the "
-            "counters that were saved."
+            "The matches of Ray's workers are in no checkpoint: new ones begin, with the weights, "
+            "the optimiser and the counters that were saved."
         )

@@ -7,8 +7,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from fbrl.collect.collector import MatchWorkersError
 from fbrl.config import TrainConfig
-from fbrl.envs.process_vector_env import MatchWorkersError
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.training.crash_report import CrashReport
@@ -79,7 +79,9 @@ class TrainingLoop:
         state, ppo = self.state, self.state.ppo
         started = time.perf_counter()
         with self.interrupt.allowed():
-            batch = ppo.collect(before_next=state.begin_batch)
+            batch = ppo.collect()
+            if ppo.frames + batch.numel() < self.config.ppo.total_frames:
+                ppo.collector.begin_next()
         collected = time.perf_counter()
         with state.lock:
             losses = ppo.learn(batch)
@@ -88,15 +90,14 @@ class TrainingLoop:
             metrics = state.monitor.log_iteration(
                 ppo.frames, batch, losses, collected - started, learned - collected
             )
-            if not self.config.collect_ahead:
-                state.begin_batch()
+            state.begin_batch()
         self.listener.on_metrics(ppo.frames, metrics)
 
     def _evaluate(self, which: str, episodes: int) -> Evaluation:
         state, checkpoints = self.state, self.checkpoints
         with self.interrupt.allowed():
             # A batch in flight would use the evaluation's random numbers up.
-            state.ppo.wait()
+            state.ppo.collector.wait()
             report = self.evaluator.play(
                 state.ppo.model,
                 episodes,

@@ -2,69 +2,60 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
-from torchrl.envs import EnvBase
-
-from fbrl.collect import make_collection_env
-from fbrl.collect.collector import BatchCollector
-from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
+from fbrl.collect import AheadCollector, BatchCollector, MatchCollector
 from fbrl.config import TrainConfig
-from fbrl.models.actor_critic import ActorCritic
+from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.transforms import ScoringReward
 
 WORKER_TIMEOUT = 20
-"""Seconds without an answer after which a process, or a Ray worker, that plays matches is replaced.
-"""
+"""Seconds without an answer after which a Ray worker that plays matches is replaced."""
 
 
-@contextlib.contextmanager
-def training_matches(
+def make_collector(
     config: TrainConfig,
-    model: ActorCritic,
+    policy: CollectionPolicy,
     reward: ScoringReward,
     on_warning: Callable[[str], None],
-) -> Iterator[tuple[EnvBase | BatchCollector, EpisodeBookkeeping | None]]:
-    """What :class:`fbrl.ppo.algorithm.PPO` collects from, closed with the context.
+) -> BatchCollector:
+    """Makes what :class:`fbrl.ppo.algorithm.PPO` learns from.
 
     Args:
         config: The training.
-        model: Whose policy plays.
+        policy: Plays.
         reward: Labels the batches.
         on_warning: Called with one line when matches are lost.
 
     Raises:
         ConfigError: The Ray cluster that this process is connected to has no room for the matches.
     """
-    worker_timeout = min(config.hang_timeout, WORKER_TIMEOUT)
     if config.collector == "ray":
         # It can't be imported where Ray is not installed.
         from fbrl.collect.ray_collector import RayMatchCollector
 
-        policy = model.get_collection_policy()
-        collector = RayMatchCollector(
+        return RayMatchCollector(
             config,
             policy,
             reward,
             seed=config.seed,
-            timeout=worker_timeout,
+            timeout=min(config.hang_timeout, WORKER_TIMEOUT),
             on_restart=on_warning,
         )
-        with contextlib.closing(collector):
-            yield collector, None
-        return
-    env, bookkeeping = make_collection_env(
-        config.scenario,
-        num_envs=config.ppo.num_envs,
-        reward=reward,
-        observation=config.observation,
-        num_threads=config.num_threads,
-        collector=config.collector,
-        num_workers=config.num_workers,
-        worker_timeout=worker_timeout,
-        on_restart=on_warning,
-        seed=config.seed,
+
+    def in_this_process(policy: CollectionPolicy) -> MatchCollector:
+        return MatchCollector(
+            config.scenario,
+            policy,
+            num_envs=config.ppo.num_envs,
+            num_steps=config.ppo.num_steps,
+            reward=reward,
+            observation=config.observation,
+            num_threads=config.num_threads,
+            num_groups=config.num_groups or 2,
+            seed=config.seed,
+        )
+
+    return (
+        AheadCollector(in_this_process, policy) if config.collect_ahead else in_this_process(policy)
     )
-    with contextlib.closing(env):
-        yield env, bookkeeping

@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from torchrl.envs import EnvBase
 
 from fbrl.checkpoint import CheckpointError
-from fbrl.collect.collector import BatchCollector
 from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, TrainConfig
 from fbrl.config_json import config_from_dict, config_to_dict
-from fbrl.envs.vector_env import MatchesVectorEnv
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
@@ -30,9 +27,8 @@ class TrainingState:
 
     Args:
         config: The training.
-        ppo: What has been learned.
-        env: The training's matches, as :func:`fbrl.envs.make_env` makes them. Of a collector in
-            their place the matches are not in the state: the training goes on with others.
+        ppo: What has been learned, and what collects. Where that can't tell the state of its
+            matches, the training goes on with others.
         monitor: What has been logged.
 
     Attributes:
@@ -43,34 +39,23 @@ class TrainingState:
         lock: Held while the state is not that of one moment, and while it is saved.
     """
 
-    def __init__(
-        self, config: TrainConfig, ppo: PPO, env: EnvBase | BatchCollector, monitor: Monitor
-    ) -> None:
+    def __init__(self, config: TrainConfig, ppo: PPO, monitor: Monitor) -> None:
         self.lock = threading.RLock()
         self.crashes = 0
         self.evaluated_at: int | None = None
         self.best_goal_difference: float | None = None
         self._config = config
         self.ppo = ppo
-        self._env = env
-        self._matches: MatchesVectorEnv | None = (
-            env.base_env.matches if isinstance(env, EnvBase) else None
-        )
         self.monitor = monitor
         self._batch_start: dict[str, Any] = {}
 
     def begin_batch(self) -> None:
         """Remembers the matches and the random numbers, which the next batch begins with."""
-        self.ppo.start()
         on_gpu = self.ppo.device.type == "cuda"
-        next_step = self.ppo.next_step
-        matches = self._matches.get_state() if self._matches is not None else []
-        if self._matches is not None and self._matches.has_lost_matches:
-            # What was last seen of the lost ones is no state of those that play in their place.
-            next_step, matches = {}, []
+        collected = self.ppo.collector.state_dict()
         self._batch_start = {
-            "next_step": next_step,
-            "matches": [_with_engine(match, _to_tensor) for match in matches],
+            "next_step": collected["next_step"],
+            "matches": [_with_engine(match, _to_tensor) for match in collected["matches"]],
             "random_numbers": {
                 "cpu": torch.get_rng_state(),
                 "cuda": torch.cuda.get_rng_state(self.ppo.device) if on_gpu else None,
@@ -133,17 +118,17 @@ class TrainingState:
         self.crashes = crashes_before(state)
         self.evaluated_at = state["evaluated_at"]
         self.best_goal_difference = state["best_goal_difference"]
-        if self._matches is not None and has_matches(state):
-            self._check_next_step(state["next_step"])
         self.ppo.load_state_dict(state)
 
     def _begin_other_matches(self, seed: int) -> None:
-        self._env.set_seed(seed)
-        self.ppo.restart()
+        self.ppo.collector.set_seed(seed)
+        self.ppo.collector.reset()
 
     def _load_matches(self, state: Mapping[str, Any]) -> None:
-        if self._matches is not None and has_matches(state):
-            self._matches.set_state([_with_engine(match, _to_bytes) for match in state["matches"]])
+        if has_matches(state) and self._config.collector != "ray":
+            matches = [_with_engine(match, _to_bytes) for match in state["matches"]]
+            next_step = state["next_step"]
+            self.ppo.collector.load_state_dict({"matches": matches, "next_step": next_step})
         else:
             # Those of the training's own seed would be its first ones again.
             seeds = np.random.SeedSequence([self._config.seed, self.crashes, state["frames"]])
@@ -155,13 +140,6 @@ class TrainingState:
         # On another kind of device the numbers that follow are others in any case.
         if on_gpu is not None and self.ppo.device.type == "cuda":
             torch.cuda.set_rng_state(on_gpu, self.ppo.device)
-
-    def _check_next_step(self, next_step: Mapping[str, torch.Tensor]) -> None:
-        assert isinstance(self._env, EnvBase)
-        for key, spec in self._env.observation_spec.items(True, True):
-            entry = next_step[key]
-            if entry.shape != spec.shape or entry.dtype != spec.dtype:
-                raise ValueError(f"{key} is {entry.dtype} of shape {tuple(entry.shape)}")
 
 
 _KINDS: dict[str, Any] = {
@@ -182,7 +160,7 @@ _KINDS: dict[str, Any] = {
 def has_matches(state: Mapping[str, Any]) -> bool:
     """Whether a checkpoint has any trace of its matches.
 
-    Those of Ray's workers have none, nor those of which a worker had just been lost.
+    Those of Ray's workers have none.
     """
     return bool(state["matches"] or state["next_step"])
 

@@ -1,0 +1,295 @@
+"""Collects batches from matches that the engine's threads step, at the engine's speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.envs import Transform, TransformedEnv
+
+from fbrl.collect.collector import BatchCollector, inference_threads, torch_threads
+from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
+from fbrl.envs.episode_seeds import check_seed
+from fbrl.envs.factory import as_torchrl, make_observation, make_reward, raw_keys_of
+from fbrl.envs.observation import Observation
+from fbrl.envs.vector_env import FootballVectorEnv
+from fbrl.models.actor_critic import CollectionPolicy
+from fbrl.transforms import PlayStatistics, ScoringReward
+
+_RESULTS = {"reward": np.float32, "terminated": np.bool_, "truncated": np.bool_}
+"""What a step leads to besides an observation."""
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Matches that are stepped together, while the policy looks at those of another group.
+
+    Attributes:
+        matches: Their numbers.
+        rows: The same as a slice.
+        views: For each step, and the one after the last, what the policy's observation is made of,
+            and the observation itself: views of the batch, shape (matches,).
+    """
+
+    matches: Sequence[int]
+    rows: slice
+    views: Sequence[TensorDict]
+
+
+class MatchCollector(BatchCollector):
+    """Plays matches in threads of this process and writes what happens where the batch lies.
+
+    Between two steps of a match only its observation is computed and its action chosen. Whatever
+    no action depends on, the reward among it, is worked out for the whole batch at its end; a
+    match that ends goes on with the next episode on the thread that stepped it.
+
+    The matches are in fixed groups, which take turns: while the threads step one of them, the
+    policy looks at another. The batch is the same, however many there are, but for the last bits
+    of what a network computes for fewer matches at a time.
+
+    Args:
+        scenario: As for :func:`fbrl.envs.make_env`, like the next ones.
+        policy: Chooses the actions, on the device where it is.
+        num_envs: Number of matches.
+        num_steps: Steps of each match in a batch.
+        reward: Labels the batches.
+        observation: What the policy reads.
+        num_threads: Threads that step the matches.
+        num_groups: Groups that take turns; they are as large as they can be alike.
+        seed: Seeds the matches.
+
+    Raises:
+        ValueError: A name is unknown, or a number out of range.
+        EngineNotInstalledError: gfootball is missing.
+
+    Examples:
+        >>> from fbrl.models.actor_critic import build_actor_critic
+        >>> policy = build_actor_critic("simple115").get_collection_policy()
+        >>> collector = MatchCollector("academy_empty_goal", policy, num_envs=2, num_steps=16)
+        >>> collector.collect()["next", "reward"].shape
+        torch.Size([2, 16, 1])
+    """
+
+    def __init__(
+        self,
+        scenario: str,
+        policy: CollectionPolicy,
+        *,
+        num_envs: int = 8,
+        num_steps: int = 128,
+        reward: str | ScoringReward = "analytics",
+        observation: str | Transform = "simple115",
+        num_threads: int | None = None,
+        num_groups: int = 1,
+        seed: int | None = None,
+    ) -> None:
+        self.policy = policy
+        self._num_steps = num_steps
+        reward_transform = make_reward(reward)
+        transform = make_observation(observation)
+        keys = sorted(raw_keys_of([transform, reward_transform, PlayStatistics()]))
+        self._raw_keys = keys
+        self._bookkeeping = EpisodeBookkeeping(reward_transform)
+        self._matches = FootballVectorEnv(scenario, num_envs, num_threads, keys)
+        # Kept, since it closes the matches when it goes.
+        self._env = TransformedEnv(as_torchrl(self._matches), transform)
+        self._transform = transform
+        self._observed = {
+            key: spec
+            for key, spec in self._env.observation_spec.items(True, True)
+            if key not in keys
+        }
+        self._state: TensorDict | None = None
+        self._noise: list[Tensor] = []
+        self._lay_out(keys, num_envs, num_groups)
+        if seed is not None:
+            self.set_seed(seed)
+
+    def _lay_out(self, keys: Sequence[str], num_envs: int, num_groups: int) -> None:
+        """Makes the batch, and what writes to each step of it."""
+        steps, space = self._num_steps, self._matches.single_observation_space
+        examples = {key: space[key].sample() for key in keys}
+        examples |= {name: np.zeros((), dtype) for name, dtype in _RESULTS.items()}
+
+        def columns(names: Sequence[str], length: int) -> dict[str, Tensor]:
+            empty = {
+                name: torch.from_numpy(np.zeros((num_envs, length, *one.shape), one.dtype))
+                for name, one in examples.items()
+                if name in names
+            }
+            for name, spec in self._observed.items():
+                empty[name] = torch.zeros((num_envs, length, *spec.shape[1:]), dtype=spec.dtype)
+            return empty
+
+        self._root, self._end = columns(keys, steps), columns(keys, 1)
+        self._next = columns([*keys, *_RESULTS], steps)
+        self._action = torch.zeros((num_envs, steps), dtype=torch.int64)
+        self._log_prob = torch.zeros((num_envs, steps), device=self.policy.device)
+        self._value = torch.zeros((num_envs, steps, 1), device=self.policy.device)
+
+        def rows(columns: Mapping[str, Tensor], names: Sequence[str], step: int) -> Any:
+            return self._matches.make_rows({name: columns[name].numpy()[:, step] for name in names})
+
+        self._rows = [rows(self._next, [*keys, *_RESULTS], step) for step in range(steps)]
+        self._next_rows = [rows(self._root, keys, step) for step in range(1, steps)]
+        self._next_rows.append(rows(self._end, keys, 0))
+        shares = torch.arange(num_envs).tensor_split(min(num_groups, num_envs))
+        self._groups = [self._make_group(share.tolist()) for share in shares]
+
+    def _make_group(self, matches: list[int]) -> _Group:
+        rows = slice(matches[0], matches[-1] + 1)
+        views = [
+            TensorDict(
+                {
+                    **{key: column[rows, step] for key, column in self._root.items()},
+                    "action": self._action[rows, step],
+                },
+                [len(matches)],
+            )
+            for step in range(self._num_steps)
+        ]
+        end = {key: column[rows, 0] for key, column in self._end.items()}
+        return _Group(matches, rows, [*views, TensorDict(end, [len(matches)])])
+
+    def set_seed(self, seed: int) -> None:
+        """See :meth:`BatchCollector.set_seed`."""
+        self._env.set_seed(check_seed(seed))
+
+    @torch.no_grad()
+    def reset(self) -> None:
+        """See :meth:`BatchCollector.reset`."""
+        observation, _ = self._matches.reset()
+        self._state = self._begun(observation)
+
+    @torch.no_grad()
+    def collect(self) -> TensorDictBase:
+        """See :meth:`BatchCollector.collect`.
+
+        A batch that is broken off leaves no trace but in the matches and the random numbers.
+        """
+        if self._state is None:
+            self.reset()
+        start = self._state
+        assert start is not None
+        for group in self._groups:
+            for key, column in self._root.items():
+                column[group.rows, 0] = group.views[0][key] = start.get(key)[group.rows]
+        with torch_threads(inference_threads(self.policy)):
+            self._noise.clear()
+            playing = [self._send(group, 0) for group in self._groups]
+            for step in range(self._num_steps):
+                for number, group in enumerate(self._groups):
+                    playing[number].wait()
+                    self._look(group, step)
+                    if step + 1 < self._num_steps:
+                        playing[number] = self._send(group, step + 1)
+        return self._complete(start)
+
+    def _send(self, group: _Group, step: int) -> Any:
+        """Chooses the actions of a group, and has its matches play them."""
+        if len(self._noise) == step:
+            self._noise.append(self.policy.draw_noise(self._matches.num_envs))
+        observation = group.views[step].get(self.policy.in_keys[0])
+        noise = self._noise[step][group.rows]
+        action, log_prob, value = self.policy.act(observation, noise)
+        self._action[group.rows, step] = action
+        self._log_prob[group.rows, step] = log_prob
+        self._value[group.rows, step] = value
+        return self._matches.send_step(
+            group.matches, action.tolist(), self._rows[step], self._next_rows[step]
+        )
+
+    def _look(self, group: _Group, step: int) -> None:
+        """Computes what the policy looks at after a step."""
+        before, after = group.views[step], group.views[step + 1]
+        self._transform._step(before, after)
+        terminated, truncated = self._next["terminated"], self._next["truncated"]
+        done = terminated[group.rows, step] | truncated[group.rows, step]
+        if ended := [group.matches[index] for index in done.nonzero().flatten().tolist()]:
+            self._matches.begun_anew(ended)
+            kept = after.copy().set("_reset", done.unsqueeze(-1))
+            self._transform._reset(kept, after)
+        columns = self._root if step + 1 < self._num_steps else self._end
+        for key in self._observed:
+            columns[key][group.rows, (step + 1) % self._num_steps] = after.get(key)
+
+    def _complete(self, start: TensorDict) -> TensorDictBase:
+        """The batch, and what the next one begins with."""
+        results = {name: self._next[name].unsqueeze(-1) for name in _RESULTS}
+        results["done"] = results["terminated"] | results["truncated"]
+        self._observe_last_states(results["done"].squeeze(-1))
+        batch = TensorDict(
+            {
+                **self._root,
+                "action": self._action,
+                "action_log_prob": self._log_prob.cpu(),
+                "state_value": self._value.cpu(),
+                "next": {**self._next, **results},
+            },
+            self._action.shape,
+            device="cpu",
+        )
+        end = TensorDict(
+            {key: column[:, 0].clone() for key, column in self._end.items()}, batch.shape[:1]
+        )
+        self._bookkeeping.complete(batch, start, end)
+        self._state = end
+        raw = self._raw_keys
+        return batch.exclude(*raw, *(("next", key) for key in raw))
+
+    def _observe_last_states(self, done: Tensor) -> None:
+        """Writes what would have been observed of the states that steps led to.
+
+        Where an episode goes on, it is what the next action was chosen by.
+        """
+        ends = done.nonzero(as_tuple=True)
+        before = TensorDict(
+            {key: column[ends] for key, column in self._root.items()}, ends[0].shape
+        )
+        before.set("action", self._action[ends])
+        after = TensorDict({key: column[ends] for key, column in self._next.items()}, ends[0].shape)
+        self._transform._step(before, after)
+        for key in self._observed:
+            self._next[key][:, :-1] = self._root[key][:, 1:]
+            self._next[key][:, -1] = self._end[key][:, 0]
+            self._next[key][ends] = after.get(key)
+
+    def state_dict(self) -> dict[str, Any]:
+        """See :meth:`BatchCollector.state_dict`; after a reset the first time."""
+        if self._state is None:
+            self.reset()
+        assert self._state is not None
+        carried = self._state.select(*self._observed, *self._bookkeeping.keys)
+        return {"matches": self._matches.get_state(), "next_step": carried.to_dict()}
+
+    @torch.no_grad()
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """See :meth:`BatchCollector.load_state_dict`."""
+        begun = self._begun(self._matches.set_state(state["matches"]))
+        for key in (*self._observed, *self._bookkeeping.keys):
+            entry, expected = state["next_step"][key], begun.get(key)
+            if entry.shape != expected.shape or entry.dtype != expected.dtype:
+                raise ValueError(f"{key} is {entry.dtype} of shape {tuple(entry.shape)}")
+            begun.set(key, entry)
+        self._state = begun
+
+    def _begun(self, observation: Observation) -> TensorDict:
+        """What episodes go on from that begin with this observation."""
+        raw = {key: torch.from_numpy(array) for key, array in observation.items()}
+        state = TensorDict(raw, [self._matches.num_envs])
+        self._transform._reset(TensorDict(batch_size=state.batch_size), state)
+        self._bookkeeping.begin(state)
+        return state
+
+    def disturb(self, disturbance: Any) -> None:
+        """Puts something in the place of steps, for measurements: the engine's ``Disturbance``."""
+        self._matches.disturb(disturbance)
+
+    def close(self) -> None:
+        """See :meth:`BatchCollector.close`."""
+        self._matches.close()
