@@ -14,7 +14,6 @@ from fbrl.models.actor_critic import build_actor_critic
 from fbrl.transforms import AssistDensityPotential, AssistDensityReward
 
 SCENARIO = "academy_3_vs_1_with_keeper"
-CLOSE = "academy_empty_goal_close"
 
 
 def make_policy(observation="simple115"):
@@ -40,12 +39,11 @@ def collect(collector, num_batches):
     ],
 )
 def test_a_batch_has_the_numbers_of_single_steps(reward, observation):
-    policy = make_policy(observation)
-    # Few steps of short matches where they are seen by a convolutional network.
-    scenario, steps = (SCENARIO, 50) if observation == "simple115" else (CLOSE, 24)
+    # With planes come the cells that they are drawn from, which a network reads sooner.
+    policy = make_policy("minimap" if observation == "smm" else observation)
     arguments = {"num_envs": 3, "observation": observation, "reward": reward, "seed": 5}
-    batches = collect(MatchCollector(scenario, policy, num_steps=steps, **arguments), 4)
-    expected = collect(RolloutCollector(make_env(scenario, **arguments), policy, steps), 4)
+    batches = collect(MatchCollector(SCENARIO, policy, num_steps=50, **arguments), 4)
+    expected = collect(RolloutCollector(make_env(SCENARIO, **arguments), policy, 50), 4)
 
     ends = torch.cat([batch["next", "done"] for batch in batches], 1)
     assert ends.sum() >= 3, "matches end, also in the middle of batches"
