@@ -7,7 +7,6 @@ import dataclasses
 import functools
 import json
 import re
-import sys
 
 import pytest
 import torch
@@ -161,20 +160,7 @@ def test_a_log_without_goal_differences_is_noticed_before_the_first_match(run_ev
     assert not (tmp_path / "out.json").exists()
 
 
-@pytest.fixture
-def no_rliable(monkeypatch):
-    monkeypatch.setitem(sys.modules, "rliable.library", None)  # as if it were not installed
-
-
-@pytest.mark.usefixtures("no_rliable", "no_engine")
-def test_seeds_that_cannot_be_pooled_are_noticed_before_the_first_match(run_eval, tmp_path):
-    runs = [make_run(tmp_path / str(seed), seed) for seed in (1, 2)]
-    printed = run_eval(*runs, "--json", "out.json", code=2)
-    assert re.fullmatch(r"fbrl-eval: error: .*pip install 'fbrl\[analysis\]'.*\n", printed.err)
-
-
-@pytest.mark.usefixtures("no_rliable")
-def test_a_single_run_is_evaluated_without_what_pools_seeds(run_eval, tmp_path):
+def test_a_single_run_has_no_seeds_to_pool(run_eval, tmp_path):
     run_eval(make_run(tmp_path / "run", 1), "--episodes", 2, "--json", "out.json")
     assert json.loads((tmp_path / "out.json").read_text())["seeds"] == []
 

@@ -19,7 +19,7 @@ from packaging.requirements import Requirement
 COMMANDS = sorted(
     command.name for command in entry_points(group="console_scripts") if command.dist.name == "fbrl"
 )
-NOT_DECLARED = ("gfootball", "fbrl_engine", "cv2", "gym", "mplsoccer", "pandas", "rliable")
+NOT_DECLARED = ("gfootball", "fbrl_engine", "cv2", "gym", "mplsoccer", "pandas", "matplotlib")
 
 
 def required_by(name: str, found: dict[str, Distribution] | None = None) -> dict[str, Distribution]:

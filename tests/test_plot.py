@@ -8,7 +8,7 @@ import re
 import pytest
 from written_runs import GOALS, write_run, write_table
 
-pytest.importorskip("rliable")
+pytest.importorskip("matplotlib")
 from matplotlib.image import imread
 
 from fbrl.cli.plot import main

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from written_runs import GOALS, write_run
 
-pytest.importorskip("rliable")
+pytest.importorskip("matplotlib")
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 

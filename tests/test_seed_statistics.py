@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
+import itertools
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rliable")
-from rliable import metrics
+from scipy import stats
 
 from fbrl.analysis import seed_statistics
 from fbrl.analysis.seed_statistics import (
@@ -17,7 +15,6 @@ from fbrl.analysis.seed_statistics import (
     mean_curve,
     probability_of_improvement,
 )
-from fbrl.checks.extras import MissingExtraError
 
 
 def normal(*shape, seed=0):
@@ -37,6 +34,18 @@ class TestInterquartileMean:
         # Each scenario's seeds agree, so drawing within it changes nothing.
         estimate = interquartile_mean([[0.0, 10.0, 20.0, 30.0]] * 3)
         assert estimate == Estimate(15.0, 15.0, 15.0)
+
+    def test_the_interval_is_that_of_all_draws_within_the_scenarios(self):
+        scores = np.array([[0.0, 10.0], [1.0, 14.0], [2.0, 20.0]])
+        draws = [
+            np.sort([*first, *second])[1:5].mean()
+            for first in itertools.product(scores[:, 0], repeat=3)
+            for second in itertools.product(scores[:, 1], repeat=3)
+        ]
+        estimate = interquartile_mean(scores)
+        assert estimate.value == (1 + 2 + 10 + 14) / 4
+        low, high = np.quantile(draws, [0.025, 0.975])
+        assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.25)
 
     def test_the_interval_holds_the_value_and_stays_within_the_scores(self):
         scores = normal(6, 5)
@@ -78,10 +87,20 @@ class TestProbabilityOfImprovement:
         a, b = [[1.0, 0.0], [2.0, 0.0]], [[1.0, 9.0], [0.0, 9.0]]
         assert probability_of_improvement(a, b).value == (3.5 / 4 + 0) / 2
 
-    def test_equals_rliables_own(self):
+    def test_is_mann_and_whitneys_statistic_as_a_share_of_the_pairs(self):
         a, b = normal(5, 4).round(1), normal(7, 4, seed=1).round(1) + 0.3
-        expected = metrics.probability_of_improvement(a, b)
+        expected = np.mean(stats.mannwhitneyu(a, b).statistic) / (5 * 7)
         assert probability_of_improvement(a, b).value == pytest.approx(expected)
+
+    def test_the_interval_is_that_of_all_draws_of_both(self):
+        a, b = [[0.0], [2.0], [5.0]], [[1.0], [3.0]]
+        draws = [
+            np.mean([x > y for x, y in itertools.product(some, others)])
+            for some in itertools.product(*[np.ravel(a)] * 3)
+            for others in itertools.product(*[np.ravel(b)] * 2)
+        ]
+        estimate = probability_of_improvement(a, b)
+        assert (estimate.low, estimate.high) == pytest.approx(np.quantile(draws, [0.025, 0.975]))
 
     def test_a_single_seed_on_either_side_allows_no_interval(self):
         for a, b in (([[1.0]], [[0.0], [2.0]]), ([[0.0], [2.0]], [[1.0]])):
@@ -124,9 +143,3 @@ def test_scores_of_another_kind_are_refused(scores):
     for function in (interquartile_mean, seed_statistics.mean, mean_curve):
         with pytest.raises(ValueError, match=r"two axes, seeds first|not finite"):
             function(scores)
-
-
-def test_without_rliable_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "rliable.library", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'fbrl\[analysis\]'"):
-        interquartile_mean([[1.0], [2.0]])

@@ -1,4 +1,4 @@
-"""Statistics over seeds, with the intervals that a handful of runs allows, by ``rliable``.
+"""Statistics over seeds, with the intervals that a handful of runs allows.
 
 Source of the interquartile mean, the probability of improvement and the stratified bootstrap:
 Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of the Statistical Precipice".
@@ -11,15 +11,13 @@ over 20 in 93 (4000 draws each).
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from fbrl.checks.extras import MissingExtraError
+from scipy import stats
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000
@@ -48,14 +46,6 @@ class Estimate:
         return f"{self.value:.3f} [{self.low:.3f}, {self.high:.3f}]"
 
 
-def check_installed() -> None:
-    """Raises :class:`fbrl.checks.extras.MissingExtraError` where rliable is not installed.
-
-    For what takes long before it comes to statistics.
-    """
-    _rliable()
-
-
 def interquartile_mean(scores: ArrayLike) -> Estimate:
     """The mean of the middle half of all scores, over seeds and scenarios together.
 
@@ -68,13 +58,9 @@ def interquartile_mean(scores: ArrayLike) -> Estimate:
             (seeds, scenarios).
 
     Raises:
-        MissingExtraError: rliable is not installed.
         ValueError: The scores are not of that shape, or not all finite.
     """
-    library = _rliable()
-    from rliable.metrics import aggregate_iqm
-
-    return _estimate(library, aggregate_iqm, _check("scores", scores))
+    return _estimate(_interquartile_mean, _check("scores", scores))
 
 
 def mean(scores: ArrayLike) -> Estimate:
@@ -84,10 +70,9 @@ def mean(scores: ArrayLike) -> Estimate:
         scores: One score per seed and scenario, shape (seeds, scenarios).
 
     Raises:
-        MissingExtraError: rliable is not installed.
         ValueError: The scores are not of that shape, or not all finite.
     """
-    return _estimate(_rliable(), np.mean, _check("scores", scores))
+    return _estimate(np.mean, _check("scores", scores))
 
 
 def probability_of_improvement(a: ArrayLike, b: ArrayLike) -> Estimate:
@@ -102,13 +87,12 @@ def probability_of_improvement(a: ArrayLike, b: ArrayLike) -> Estimate:
         b: Scores of another one in the same scenarios, shape (other seeds, scenarios).
 
     Raises:
-        MissingExtraError: rliable is not installed.
         ValueError: The scores are not of those shapes, or not all finite.
     """
     a, b = _check("a", a), _check("b", b)
     if a.shape[1] != b.shape[1]:
         raise ValueError(f"a has {a.shape[1]} scenarios and b {b.shape[1]}; give the same ones.")
-    return _estimate(_rliable(), _share_of_pairs, a, b)
+    return _estimate(_share_of_pairs, a, b)
 
 
 def mean_curve(curves: ArrayLike) -> tuple[Array, Array | None, Array | None]:
@@ -124,14 +108,13 @@ def mean_curve(curves: ArrayLike) -> tuple[Array, Array | None, Array | None]:
         are None for a single seed.
 
     Raises:
-        MissingExtraError: rliable is not installed.
         ValueError: The curves are not of that shape, or not all finite.
     """
     curves = _check("curves", curves)
     if len(curves) == 1:
         return curves[0], None, None
-    # As rliable wants them: (seeds, scenarios, points).
-    low, high = _interval(_rliable(), _mean_over_seeds, curves[:, None])
+    # A single scenario, so that a draw of a seed is of its whole curve.
+    low, high = _interval(_mean_over_seeds, curves[:, None])
     return curves.mean(axis=0), low, high
 
 
@@ -144,50 +127,33 @@ def _check(name: str, scores: ArrayLike) -> Array:
     return array
 
 
-def _estimate(library: Any, function: Callable[..., Any], *scores: Array) -> Estimate:
-    value = float(function(*scores))
+def _estimate(statistic: Callable[..., Any], *scores: Array) -> Estimate:
+    value = float(statistic(*scores))
     if min(map(len, scores)) == 1:
         return Estimate(value)
-    low, high = _interval(library, function, *scores)
-    return Estimate(value, float(low[0]), float(high[0]))
+    low, high = _interval(statistic, *scores)
+    return Estimate(value, float(low), float(high))
 
 
-def _interval(library: Any, function: Callable[..., Any], *scores: Array) -> tuple[Array, Array]:
-    given = scores[0] if len(scores) == 1 else list(scores)
-    with _seeded():
-        _, intervals = library.get_interval_estimates(
-            {"scores": given}, function, reps=RESAMPLES, confidence_interval_size=CONFIDENCE
-        )
-    low, high = intervals["scores"]
-    return low, high
+def _interval(statistic: Callable[..., Any], *scores: Array) -> Array:
+    rng = np.random.default_rng(0)  # the same scores give the same interval
+    draws = [statistic(*(_resample(a, rng) for a in scores)) for _ in range(RESAMPLES)]
+    return np.quantile(draws, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], axis=0)
 
 
-@contextlib.contextmanager
-def _seeded() -> Iterator[None]:
-    # rliable 1.2 draws its resamples from numpy's global generator, whatever random_state it is
-    # given, so the same result each time means to seed that one, and to leave it as it was.
-    state = np.random.get_state()
-    np.random.seed(0)
-    try:
-        yield
-    finally:
-        np.random.set_state(state)
+def _resample(scores: Array, rng: np.random.Generator) -> Array:
+    seeds, scenarios = scores.shape[:2]
+    return scores[rng.integers(seeds, size=(seeds, scenarios)), np.arange(scenarios)]
+
+
+def _interquartile_mean(scores: Array) -> float:
+    return float(stats.trim_mean(scores, 0.25, axis=None))
 
 
 def _share_of_pairs(a: Array, b: Array) -> float:
-    # rliable's own probability_of_improvement gives the same number, but runs a significance test
-    # for each scenario and resample, which takes seconds.
     more, equal = a[:, None] > b[None], a[:, None] == b[None]
     return float((more + 0.5 * equal).mean())
 
 
 def _mean_over_seeds(curves: Array) -> Array:
     return curves.mean(axis=(0, 1))
-
-
-def _rliable() -> Any:
-    try:
-        import rliable.library
-    except ImportError as error:
-        raise MissingExtraError("Statistics over seeds", ["rliable"], "analysis") from error
-    return rliable.library

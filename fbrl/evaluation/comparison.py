@@ -21,12 +21,7 @@ from fbrl.analysis.run_log import (
     paper_goal_difference,
     read_run_log,
 )
-from fbrl.analysis.seed_statistics import (
-    Estimate,
-    check_installed,
-    interquartile_mean,
-    probability_of_improvement,
-)
+from fbrl.analysis.seed_statistics import Estimate, interquartile_mean, probability_of_improvement
 from fbrl.config import TrainConfig
 from fbrl.envs import make_env
 from fbrl.envs.factory import EPISODE_PREFIX
@@ -228,12 +223,10 @@ def pool_seeds(policies: Sequence[EvaluatedPolicy], rows: Sequence[Row]) -> list
 
     Raises:
         RunGroupError: A seed comes twice in a configuration.
-        MissingExtraError: rliable is not installed, and there are seeds to pool.
     """
     groups = _groups(policies)
     if not any(len(group.runs) > 1 for group in groups):
         return []
-    check_installed()
     modes = list(dict.fromkeys(row["mode"] for row in rows if row["mode"]))
     return [_pool(group, mode, rows) for group in groups for mode in modes]
 
