@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
+import itertools
 import os
 import subprocess
 import tempfile
@@ -25,9 +25,13 @@ _H264 = (
     *("-preset", "veryfast", "-crf", "20", "-movflags", "+faststart"),
 )
 _LOSSLESS = ("-c:v", "libx264rgb", "-preset", "ultrafast", "-crf", "0")
-_PALETTE = "palettegen=max_colors=160:stats_mode=full"
-# Dithering would change every pixel in every frame, and so make the file many times as large.
-_USE_PALETTE = "[0:v][1:v]paletteuse=dither=none:diff_mode=rectangle"
+# One palette for all frames, and so two readings of the video: the first ends before the second
+# begins, so that no frame waits in memory. Dithering would change every pixel in every frame, and
+# make the file many times as large.
+_WITH_PALETTE = (
+    "[0:v]palettegen=max_colors=160:stats_mode=full[palette];"
+    "[1:v][palette]paletteuse=dither=none:diff_mode=rectangle"
+)
 
 
 def missing_video_packages() -> list[str]:
@@ -84,33 +88,21 @@ def write_video(
     """
     path = check_video_path(path)
     is_gif = path.suffix.lower() == ".gif"
+    frames = iter(frames)
+    first = next(frames, None)
+    if first is None:
+        raise ValueError("There are no frames to make a video of.")
+    height, width, _ = _check_shape(first)
+    raw = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {fps} -i -".split()
     # Next to the file, so that it is renamed within one file system.
     # From the root, so that ffmpeg takes no name for an option or the address of a server.
     with tempfile.TemporaryDirectory(prefix=".fbrl-video-", dir=path.parent.resolve()) as folder:
-        result = Path(folder, "video.mp4")
-        count = _encode(result, frames, fps, _LOSSLESS if is_gif else _H264)
+        video, gif = Path(folder, "video.mp4"), Path(folder, "video.gif")
+        encoding = _LOSSLESS if is_gif else _H264
+        count = _run_ffmpeg([*raw, *encoding, video], itertools.chain([first], frames))
         if is_gif:
-            result = _convert_to_gif(result)
-        result.replace(path)
-    return count
-
-
-def _encode(path: Path, frames: Iterable[np.ndarray], fps: float, options: Sequence[str]) -> int:
-    count = 0
-    with contextlib.ExitStack() as stack:
-        for frame in frames:
-            if not count:
-                shape = _check_shape(frame)
-                size = f"{shape[1]}x{shape[0]}"
-                raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(fps), "-i", "-")
-                encoder = stack.enter_context(_Encoder([*raw, *options, str(path)]))
-            if frame.shape != shape:
-                raise ValueError(f"Frame {count} is of shape {frame.shape}, the first of {shape}.")
-            encoder.write(np.ascontiguousarray(frame).data)
-            count += 1
-        if not count:
-            raise ValueError("There are no frames to make a video of.")
-        encoder.finish()
+            _run_ffmpeg(["-i", video, "-i", video, "-filter_complex", _WITH_PALETTE, gif])
+        (gif if is_gif else video).replace(path)
     return count
 
 
@@ -122,61 +114,43 @@ def _check_shape(frame: np.ndarray) -> tuple[int, ...]:
     return frame.shape
 
 
-def _convert_to_gif(video: Path) -> Path:
-    """One palette for all frames, which needs a look at all of them before the first is written."""
-    palette, gif = video.with_name("palette.png"), video.with_name("video.gif")
-    passes: list[list[str | Path]] = [
-        ["-i", video, "-vf", _PALETTE, palette],
-        ["-i", video, "-i", palette, "-filter_complex", _USE_PALETTE, gif],
-    ]
-    for arguments in passes:
-        with _Encoder(arguments) as encoder:
-            encoder.finish()
-    return gif
+def _run_ffmpeg(arguments: Sequence[str | Path], frames: Iterable[np.ndarray] = ()) -> int:
+    """Runs ffmpeg as imageio-ffmpeg brings it along, on frames of one shape; returns their number.
 
-
-class _Encoder:
-    """ffmpeg as imageio-ffmpeg brings it along, with its exit code and its complaints heeded."""
-
-    def __init__(self, arguments: Sequence[str | Path]) -> None:
-        try:
-            from imageio_ffmpeg import get_ffmpeg_exe
-        except ImportError as error:
-            raise MissingExtraError("Videos", ["imageio_ffmpeg"], "analysis") from error
-        self._errors = tempfile.TemporaryFile("w+", errors="replace")  # noqa: SIM115
-        self._process = subprocess.Popen(
-            [get_ffmpeg_exe(), "-v", "error", *map(str, arguments)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=self._errors,
-            # Ctrl-C is answered here.
-            start_new_session=True,
+    Its own ``write_frames`` doesn't look at the exit code, which is where a full disk shows.
+    """
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+    except ImportError as error:
+        raise MissingExtraError("Videos", ["imageio_ffmpeg"], "analysis") from error
+    line = [get_ffmpeg_exe(), "-v", "error", *map(str, arguments)]
+    count, shape = 0, None
+    with tempfile.TemporaryFile("w+", errors="replace") as complaints:
+        # In a session of its own: Ctrl-C is answered here.
+        process = subprocess.Popen(
+            line, stdin=subprocess.PIPE, stderr=complaints, start_new_session=True
         )
-
-    def __enter__(self) -> _Encoder:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        with contextlib.suppress(OSError):
-            self._process.communicate()
-        self._errors.close()
-
-    def write(self, pixels: memoryview) -> None:
-        assert self._process.stdin is not None
+        assert process.stdin is not None
         try:
-            self._process.stdin.write(pixels)
-        except OSError:
-            self.finish()
-
-    def finish(self) -> None:
-        """Waits for the file to be whole."""
-        with contextlib.suppress(OSError):
-            self._process.communicate()
-        if self._process.returncode != 0:
-            self._errors.seek(0)
-            lines = self._errors.read().strip().splitlines() or ["it said nothing"]
+            for count, frame in enumerate(frames, start=1):
+                shape = shape or frame.shape
+                if frame.shape != shape:
+                    raise ValueError(
+                        f"Frame {count - 1} is of shape {frame.shape}, the first of {shape}."
+                    )
+                try:
+                    process.stdin.write(np.ascontiguousarray(frame).data)
+                except OSError:  # it has ended, and said why
+                    break
+            process.communicate()
+        except BaseException:
+            process.kill()
+            process.communicate()
+            raise
+        if process.returncode != 0:
+            complaints.seek(0)
+            lines = complaints.read().strip().splitlines() or ["it said nothing"]
             raise OSError(
-                f"The video can't be written: ffmpeg ended with {self._process.returncode}, "
-                f"{lines[-1]}."
+                f"The video can't be written: ffmpeg ended with {process.returncode}, {lines[-1]}."
             )
+    return count
