@@ -221,16 +221,23 @@ def _read_columns(path: Path) -> Columns:
         raise RunLogError(f"{path} is damaged: {error}.") from error
     if FRAMES not in header:
         raise RunLogError(f"{path} is damaged: its first line has no column {FRAMES}.")
-    whole = text.endswith("\n")
-    for number, row in enumerate(rows, start=2):
-        if len(row) != len(header) or (number == len(lines) and not whole):
+    numbers = np.full((len(rows), len(header)), np.nan)
+    for index, row in enumerate(rows):
+        line = index + 2
+        if len(row) != len(header) or (line == len(lines) and not text.endswith("\n")):
             raise RunLogError(
-                f"{path} is damaged: line {number} is cut off or too long ({len(row)} values in "
+                f"{path} is damaged: line {line} is cut off or too long ({len(row)} values in "
                 f"{len(header)} columns). Without that line the rest can be used."
             )
-    columns = {
-        name: _numbers(path, name, column) for name, *column in zip(header, *rows, strict=True)
-    }
+        for column, value in enumerate(row):
+            try:
+                numbers[index, column] = float(value or "nan")
+            except ValueError as error:
+                raise RunLogError(
+                    f"{path} is damaged: line {line} has {value!r} as {header[column]}, which is "
+                    "no number."
+                ) from error
+    columns = dict(zip(header, numbers.T, strict=True))
     frames = columns[FRAMES]
     odd = np.flatnonzero(~((frames >= 0) & (frames < 2**53) & (frames == np.floor(frames))))
     if len(odd):
@@ -239,15 +246,3 @@ def _read_columns(path: Path) -> Columns:
             "number of frames."
         )
     return columns
-
-
-def _numbers(path: Path, name: str, column: list[str]) -> NDArray[np.float64]:
-    numbers = np.full(len(column), np.nan)
-    for index, value in enumerate(column):
-        try:
-            numbers[index] = float(value) if value else np.nan
-        except ValueError as error:
-            raise RunLogError(
-                f"{path} is damaged: line {index + 2} has {value!r} as {name}, which is no number."
-            ) from error
-    return numbers
