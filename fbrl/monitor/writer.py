@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from fbrl.monitor.event_file import EventFile
 from fbrl.monitor.layout import chart_layout
 from fbrl.monitor.names import ACTION_TAGS
 from fbrl.monitor.recent_matches import RecentMatches
+from fbrl.monitor.services import open_service
 from fbrl.monitor.table import Table, drop_rows
 from fbrl.run_files import EVALUATIONS_NAME, FRAMES, METRICS_NAME
 
@@ -55,9 +56,15 @@ class Monitor:
         on_warning: Called with one line when something can't be logged.
         checkpoint: What the training goes on from, if it has been logged before. What the files
             have past it is dropped.
+        services: Names of :data:`fbrl.monitor.services.SERVICES`, to which scalars and
+            hyperparameters are sent, too. One that fails is told nothing more, after a warning.
+            Where the log goes on, it is told again what the checkpoint lacks.
 
     Raises:
-        OSError: Nothing can be written into the directory to begin with.
+        OSError: Nothing can be written into the directory to begin with, or a service can't be
+            logged to.
+        UnknownNameError: There is no such service.
+        MissingExtraError: A service's package is not installed.
         CheckpointError: The checkpoint is not that of such a training.
     """
 
@@ -68,6 +75,7 @@ class Monitor:
         reward_parts: tuple[str, ...],
         on_warning: Callable[[str], None],
         checkpoint: Mapping[str, Any] | None = None,
+        services: Sequence[str] = (),
     ) -> None:
         self._run_dir = run_dir
         self._on_warning = on_warning
@@ -75,16 +83,33 @@ class Monitor:
         self._tables: dict[str, Table] = {}
         self._recent = RecentMatches(reward_parts)
         self._latest: dict[str, float] = {}
+        self._run_ids: dict[str, str] = {}
         self._events = EventFile(run_dir)
         if checkpoint:
             self._go_on(checkpoint)
         rewards = tuple(name for name in self._recent.names if name.startswith("reward/"))
         self._events.add_layout(chart_layout(rewards))
-        self._events.add_hyperparameters(hyperparameters(config), GOAL_DIFFERENCE_NAMES)
+        settings = hyperparameters(config)
+        self._events.add_hyperparameters(settings, GOAL_DIFFERENCE_NAMES)
+        self._services = {
+            name: open_service(name, run_dir, self._run_ids.get(name)) for name in services
+        }
+        for name, service in self._services.items():
+            if name not in self._run_ids:
+                self._tell(name, service.logger.log_hparams, settings)
+
+    def close(self) -> None:
+        """Ends the run at the services; the files need no end."""
+        for name, service in self._services.items():
+            self._tell(name, service.close)
 
     def state_dict(self) -> dict[str, Any]:
         """What a checkpoint needs so that the log can go on."""
-        return {"recent_matches": self._recent.state_dict(), "latest": self._latest}
+        return {
+            "recent_matches": self._recent.state_dict(),
+            "latest": self._latest,
+            "services": {name: service.run_id for name, service in self._services.items()},
+        }
 
     def _go_on(self, checkpoint: Mapping[str, Any]) -> None:
         frames, evaluated_at = checkpoint["frames"], checkpoint["evaluated_at"]
@@ -93,6 +118,10 @@ class Monitor:
             self._latest = dict(checkpoint["monitor"]["latest"])
             if not all(isinstance(value, (int, float)) for value in self._latest.values()):
                 raise ValueError("not all of the latest metrics are numbers")
+            # Those of before there were services have none.
+            self._run_ids = dict(checkpoint["monitor"].get("services", {}))
+            if not all(isinstance(run_id, str) for run_id in self._run_ids.values()):
+                raise ValueError("not all of the services' names of the run are text")
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise CheckpointError(
                 f"The checkpoint has no means of the last matches ({error!r:.200})."
@@ -136,7 +165,7 @@ class Monitor:
         }
         metrics = {**self._recent.means(), **of_iteration}
         self._latest = metrics
-        self._write_events(self._events.add_scalars, metrics, frames)
+        self._log_scalars(metrics, frames)
         columns = [FRAMES, *self._recent.names, *of_iteration]
         self._write_row(METRICS_NAME, columns, {FRAMES: frames, **metrics})
         return metrics
@@ -162,10 +191,28 @@ class Monitor:
         columns = [FRAMES, *metrics]
         # The possession of matches in which nobody had the ball is not known.
         metrics = {name: value for name, value in metrics.items() if not math.isnan(value)}
-        self._write_events(self._events.add_scalars, metrics, frames)
+        self._log_scalars(metrics, frames)
         for name, encoded in images.items():
             self._write_events(self._events.add_image, name, encoded, frames)
         self._write_row(EVALUATIONS_NAME, columns, {FRAMES: frames, **metrics})
+
+    def _log_scalars(self, metrics: Mapping[str, float], frames: int) -> None:
+        self._write_events(self._events.add_scalars, metrics, frames)
+        for name, service in self._services.items():
+            self._tell(name, service.logger.log_metrics, dict(metrics), frames)
+
+    def _tell(self, service: str, tell: Callable[..., object], *arguments: Any) -> None:
+        # A service that is gone may take minutes to say so, each time.
+        if service in self._failing:
+            return
+        try:
+            tell(*arguments)
+        except Exception as error:  # each service has its own
+            self._failing.add(service)
+            self._on_warning(
+                f"{service} can't be logged to any more ({error}). The training goes on; what it "
+                f"lacks is in {METRICS_NAME} and {EVALUATIONS_NAME}."
+            )
 
     def _write_events(self, add: Callable[..., None], *arguments: Any) -> None:
         self._write("TensorBoard's events", add, *arguments)
