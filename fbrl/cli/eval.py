@@ -159,7 +159,6 @@ def _evaluate(options: argparse.Namespace, scenarios: Sequence[str]) -> dict[str
     policies = [trained(path, device) for path in options.runs]
     policies += [baseline(name) for name in options.policy]
     training = [training_row(c, options.threshold, options.tolerance) for c in policies]
-    pool_seeds(policies, ())  # a seed that comes twice
     results = _play_all(policies, scenarios, options, device)
     pooled = pool_seeds(policies, results)
     return {

@@ -218,8 +218,7 @@ def pool_seeds(policies: Sequence[EvaluatedPolicy], rows: Sequence[Row]) -> list
 
     Args:
         policies: Who was evaluated.
-        rows: Their results, all in the same scenarios and modes. Without any it is only found out
-            whether they could be pooled.
+        rows: Their results, all in the same scenarios and modes.
 
     Raises:
         RunGroupError: A seed comes twice in a configuration.
