@@ -17,6 +17,7 @@ OBSERVATION_NAMES = ("minimap", "smm", "simple115")
 TRANSITION_NAMES = ("possession", "consecutive")
 ACTIVATION_NAMES = ("relu", "tanh")
 COLLECTOR_NAMES = ("threads", "ray")
+LOGGER_NAMES = ("wandb", "mlflow")
 _REWARD_OPTIONS = {
     "density": ("analytics", "potential"),
     "transition": ("analytics",),
@@ -28,6 +29,7 @@ HOW_IT_IS_RUN = (
     "collector",
     "num_groups",
     "num_workers",
+    "logger",
     "checkpoint_interval",
     "checkpoint_keep_interval",
     "eval_interval",
@@ -195,6 +197,10 @@ class TrainConfig:
     """New directory for logs and checkpoints; by default one below runs/ that is named after
     the scenario, the reward, the preset, the seed and the time."""
 
+    logger: tuple[str, ...] = ()
+    """Services that metrics are sent to as well: wandb, mlflow; wants pip install 'fbrl[wandb]' or
+    'fbrl[mlflow]'. TensorBoard's events and tables are written in any case."""
+
     checkpoint_interval: int = 100_000
     """Frames between two checkpoints."""
 
@@ -243,6 +249,8 @@ class TrainConfig:
         _check(self, "hidden_sizes", len(self.hidden_sizes) <= 64, "at most 64 of them")
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
         check_name("collector", self.collector, COLLECTOR_NAMES)
+        for name in self.logger:
+            check_name("logger", name, LOGGER_NAMES)
         for name in ("num_threads", "num_groups", "num_workers"):
             value = getattr(self, name)
             _check(self, name, value is None or value >= 1, "at least 1")

@@ -23,6 +23,7 @@ def config_to_dict(config: TrainConfig) -> dict[str, Any]:
     values = dataclasses.asdict(config)
     values["run_dir"] = None if config.run_dir is None else str(config.run_dir)
     values["hidden_sizes"] = list(config.hidden_sizes)
+    values["logger"] = list(config.logger)
     return values
 
 
@@ -37,10 +38,10 @@ def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
         ppo = PPOConfig(**values.get("ppo", {}))
         config = TrainConfig(**{**values, "ppo": ppo})
         run_dir = None if config.run_dir is None else Path(config.run_dir)
-        hidden_sizes = tuple(config.hidden_sizes)
+        hidden_sizes, logger = tuple(config.hidden_sizes), tuple(config.logger)
     except (TypeError, AttributeError) as error:
         raise ConfigError(f"This is no configuration of a training: {error}.") from error
-    config = dataclasses.replace(config, run_dir=run_dir, hidden_sizes=hidden_sizes)
+    config = dataclasses.replace(config, run_dir=run_dir, hidden_sizes=hidden_sizes, logger=logger)
     check_types(config)
     check_types(config.ppo)
     return config

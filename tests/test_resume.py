@@ -286,6 +286,7 @@ CHANGES = {
     "num_groups": 2,
     "collector": "ray",
     "num_workers": 2,
+    "logger": ("wandb", "mlflow"),
     "collect_ahead": True,
     "checkpoint_interval": 5,
     "checkpoint_keep_interval": 6,
@@ -296,7 +297,8 @@ CHANGES = {
 
 def as_option(name, value):
     option = f"--{name.replace('_', '-')}"
-    return [option] if value is True else [option, str(value)]
+    values = value if isinstance(value, tuple) else (value,)
+    return [option] if value is True else [option, *map(str, values)]
 
 
 def test_whatever_may_change_can_be_given(finished):

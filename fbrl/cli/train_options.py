@@ -32,6 +32,7 @@ _VALUES = {
     "activation": "|".join(ACTIVATION_NAMES),
     "device": "auto|cpu|cuda|cuda:INDEX",
     "collector": "|".join(COLLECTOR_NAMES),
+    "logger": "[{wandb,mlflow} ...]",
 }
 _VALUES_BY_TYPE = {int: "INT", float: "FLOAT", Path: "DIRECTORY"}
 

@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import get_type_hints
+from typing import get_origin, get_type_hints
 
 from fbrl.analysis.run_log import RunLogError, read_run_log
 from fbrl.checks.names import UnknownNameError
@@ -31,6 +31,8 @@ def parse_resume(program: str, arguments: Sequence[str]) -> TrainConfig:
     for name in CHANGEABLE_ON_RESUME:
         if kinds[name] is bool:
             parser.add_argument(_option(name), action=argparse.BooleanOptionalAction)
+        elif get_origin(kinds[name]) is tuple:
+            parser.add_argument(_option(name), nargs="*")
         else:
             parser.add_argument(_option(name), type=str if kinds[name] is str else int)
     options, others = parser.parse_known_args(list(arguments))
@@ -42,6 +44,8 @@ def parse_resume(program: str, arguments: Sequence[str]) -> TrainConfig:
         )
     changes = {name: getattr(options, name) for name in CHANGEABLE_ON_RESUME}
     changes = {name: value for name, value in changes.items() if value is not None}
+    if "logger" in changes:
+        changes["logger"] = tuple(changes["logger"])
     try:
         config = read_run_log(options.resume).config
         if changes.get("collector", config.collector) != config.collector:

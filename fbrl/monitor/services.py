@@ -10,13 +10,13 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-
-from torchrl.record.loggers.common import Logger
-from torchrl.record.loggers.mlflow import MLFlowLogger
-from torchrl.record.loggers.wandb import WandbLogger
+from typing import TYPE_CHECKING
 
 from fbrl.checks.extras import MissingExtraError
 from fbrl.checks.names import check_name
+
+if TYPE_CHECKING:
+    from torchrl.record.loggers.common import Logger
 
 _PROJECT = "fbrl"
 
@@ -42,6 +42,7 @@ class Service:
 
 def _open_wandb(run_dir: Path, run_id: str | None) -> Service:
     import wandb
+    from torchrl.record.loggers.wandb import WandbLogger
 
     logger = WandbLogger(
         exp_name=run_dir.resolve().name,
@@ -57,6 +58,7 @@ def _open_wandb(run_dir: Path, run_id: str | None) -> Service:
 def _open_mlflow(run_dir: Path, run_id: str | None) -> Service:
     import mlflow
     import omegaconf  # noqa: F401 - MLFlowLogger.log_hparams imports it, whatever it is given
+    from torchrl.record.loggers.mlflow import MLFlowLogger
 
     if run_id is not None:
         os.environ["MLFLOW_RUN_ID"] = run_id  # MLFlowLogger has no argument for it

@@ -96,7 +96,10 @@ def train(
         stack.enter_context(contextlib.closing(evaluator))
         interrupt = stack.enter_context(Interrupt(listener.on_postponed))
         ppo = PPO(collector, model, config.ppo)
-        monitor = Monitor(run_dir, config, reward.part_names, listener.on_warning, checkpoint)
+        monitor = Monitor(
+            run_dir, config, reward.part_names, listener.on_warning, checkpoint, config.logger
+        )
+        stack.enter_context(contextlib.closing(monitor))
         state = TrainingState(config, ppo, monitor)
         checkpoints = RunCheckpoints(config, state, lock, interrupt, listener.on_warning, frames)
         loop = TrainingLoop(
