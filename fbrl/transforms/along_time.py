@@ -8,7 +8,14 @@ import torch
 from tensordict.utils import expand_as_right
 from torch import Tensor
 
-__all__ = ["Memory", "memory_before_steps", "totals_after_steps", "unbind", "where"]
+__all__ = [
+    "Memory",
+    "latest_before_steps",
+    "memory_before_steps",
+    "totals_after_steps",
+    "unbind",
+    "where",
+]
 
 Memory = dict[str, Tensor]
 """What is remembered of an episode, by its usual names; each has the match's leading shape."""
@@ -40,6 +47,38 @@ def memory_before_steps(
         remembered = remember(step, memories[-1])
         memories.append(where(ends[step], firsts[step + 1], remembered))
     return {name: torch.stack([memory[name] for memory in memories], time) for name in first}
+
+
+def latest_before_steps(
+    first: Tensor, ended: Tensor, value: Tensor, changes: Tensor, time: int
+) -> Tensor:
+    """What some steps change and others leave, before each step: all steps at once.
+
+    Args:
+        first: what it is before each step if an episode began with it; that of the very first step
+            is taken as it is.
+        ended: boolean, whether an episode ended with each step.
+        value: what it is after a step that changes it.
+        changes: boolean, which steps do.
+        time: dimension along which the steps follow each other.
+
+    Examples:
+        >>> import torch
+        >>> ended = torch.tensor([False, False, False, True, False])
+        >>> changes = torch.tensor([False, True, False, False, True])
+        >>> latest_before_steps(torch.zeros(5), ended, torch.arange(5.0), changes, time=0)
+        tensor([0., 0., 1., 1., 0.])
+    """
+    begins = torch.ones_like(ended)
+    length = ended.shape[time]
+    begins.narrow(time, 1, length - 1).copy_(ended.narrow(time, 0, length - 1))
+    known, values = begins.clone(), first.clone()
+    known.narrow(time, 1, length - 1).logical_or_(changes.narrow(time, 0, length - 1))
+    values.narrow(time, 1, length - 1).copy_(value.narrow(time, 0, length - 1))
+    values = torch.where(begins, first, values)
+    steps = torch.arange(length, device=ended.device)
+    steps = steps.reshape([-1 if d == time % ended.ndim else 1 for d in range(ended.ndim)])
+    return values.gather(time, torch.where(known, steps, 0).cummax(time).values)
 
 
 def where(mask: Tensor, chosen: Memory, other: Memory) -> Memory:

@@ -11,7 +11,7 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from fbrl.density import AssistDensity
-from fbrl.transforms.along_time import Memory
+from fbrl.transforms.along_time import Memory, latest_before_steps
 from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
 from fbrl.transforms.reward_arguments import check_number, density_from
 from fbrl.transforms.shaped_reward import ShapedReward
@@ -162,6 +162,22 @@ class AssistDensityReward(ShapedReward):
             return {self._carrier: active.clone()}
         control, lost = in_control(observation), ball_lost(observation)
         return {self._carrier: last_carrier(memory[self._carrier], active, control, lost)}
+
+    def _memory_before(
+        self, first: Memory, observation: Observation, scoring: Tensor, done: Tensor, time: int
+    ) -> Memory:
+        if self.episode_cap is not None:
+            return super()._memory_before(first, observation, scoring, done, time)
+        active, control, lost = (
+            observation["active"],
+            in_control(observation),
+            ball_lost(observation),
+        )
+        value, changes = torch.where(lost, NOBODY, active), in_control(observation) | lost
+        if self.transition == "consecutive":
+            value, changes = active, torch.ones_like(lost)
+        carrier = latest_before_steps(first[self._carrier], done, value, changes, time)
+        return {self._carrier: carrier}
 
     def _advance(
         self, memory: Memory, observation: Observation, scoring: Tensor

@@ -9,7 +9,7 @@ from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
 from fbrl.density.pitch import METRES_PER_UNIT
-from fbrl.transforms.along_time import Memory, memory_before_steps, totals_after_steps, unbind
+from fbrl.transforms.along_time import latest_before_steps, totals_after_steps
 from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
 from fbrl.transforms.raw_observation import read_fields
 
@@ -128,20 +128,21 @@ class PlayStatistics(Transform):
         following = batch.get("next")
         facts = self._facts(following, following.get("reward_scoring"))
         done = following.get("done").squeeze(-1)
-        steps = unbind(facts, 1)
         first = _first_memory(self._facts(batch))
         first[:, 0] = start.get("play_memory")
-
-        def remember(step: int, memory: Memory) -> Memory:
-            return {"play_memory": _remember(memory["play_memory"], steps[step])}
-
-        memory = memory_before_steps({"play_memory": first}, done, remember, 1)["play_memory"]
+        carrier, is_ours = first.unbind(-1)
+        control, ours, lost = facts["control"], facts["ours"], facts["lost"]
+        active = torch.where(lost, NOBODY, facts["active"])
+        carrier = latest_before_steps(carrier, done, active, control | lost, 1)
+        has = (ours & ~lost).to(is_ours.dtype)
+        is_ours = latest_before_steps(is_ours, done, has, ours | lost | facts["at_goal"], 1)
+        memory = torch.stack((carrier, is_ours), -1)
         totals = totals_after_steps(start.get("play_statistics"), _happened(memory, facts), done)
         following.set("play_statistics", totals)
 
         self.begin(end)
         ended = done[:, -1:]
-        last = _remember(memory[:, -1], steps[-1])
+        last = _remember(memory[:, -1], {name: fact[:, -1] for name, fact in facts.items()})
         end.set("play_memory", torch.where(ended, end.get("play_memory"), last))
         end.set("play_statistics", totals[:, -1].masked_fill(ended, 0))
 
