@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy import stats
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
@@ -56,6 +55,9 @@ class Evaluation:
         values = self._values(figure)
         if len(values) < 2 or values.min() == values.max():
             return self.mean(figure), self.mean(figure)
+        # Most of a second, which a training need not wait for before its first match.
+        from scipy import stats
+
         result = stats.bootstrap(
             (values,),
             np.mean,

@@ -168,11 +168,7 @@ class AssistDensityReward(ShapedReward):
     ) -> Memory:
         if self.episode_cap is not None:
             return super()._memory_before(first, observation, scoring, done, time)
-        active, control, lost = (
-            observation["active"],
-            in_control(observation),
-            ball_lost(observation),
-        )
+        active, lost = observation["active"], ball_lost(observation)
         value, changes = torch.where(lost, NOBODY, active), in_control(observation) | lost
         if self.transition == "consecutive":
             value, changes = active, torch.ones_like(lost)
