@@ -14,26 +14,42 @@ FIELD_SHAPES: dict[str, tuple[int, ...]] = {
     "ball_direction": (3,),
     "left_team": (11, 2),
     "left_team_direction": (11, 2),
+    "left_team_tired_factor": (11,),
+    "left_team_active": (11,),
     "left_team_roles": (11,),
     "right_team": (11, 2),
     "right_team_direction": (11, 2),
+    "right_team_tired_factor": (11,),
+    "right_team_active": (11,),
     "right_team_roles": (11,),
     "active": (),
+    "designated": (),
     "ball_owned_team": (),
     "ball_owned_player": (),
     "game_mode": (),
+    "score": (2,),
+    "steps_left": (),
+    "sticky_actions": (10,),
+    "action_memory": (3,),
 }
-"""Shape of each raw field of one match, after the batch dimensions."""
+"""Shape of each raw field of one match, after the batch dimensions; and of ``ActionMemory``'s."""
 
 _FLOATS = (torch.float32, torch.float64)
 _INTEGERS = (torch.int64, torch.int32, torch.int16, torch.int8)
 _INTEGER_FIELDS = {
+    "left_team_active",
     "left_team_roles",
+    "right_team_active",
     "right_team_roles",
     "active",
+    "designated",
     "ball_owned_team",
     "ball_owned_player",
     "game_mode",
+    "score",
+    "steps_left",
+    "sticky_actions",
+    "action_memory",
 }
 
 
