@@ -13,7 +13,7 @@ from fbrl.envs.scenarios import check_scenario
 
 PRESET_NAMES = ("light", "thesis")
 REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")
-OBSERVATION_NAMES = ("minimap", "smm", "simple115")
+OBSERVATION_NAMES = ("minimap", "smm", "simple115", "players")
 TRANSITION_NAMES = ("possession", "consecutive")
 ACTIVATION_NAMES = ("relu", "tanh")
 COLLECTOR_NAMES = ("threads", "ray")
@@ -160,11 +160,11 @@ class TrainConfig:
     default there is no limit."""
 
     observation: str = "simple115"
-    """What the agent sees: simple115 (115 numbers), minimap (four stacked mini maps as cell
-    indices) or smm (the same as dense planes)."""
+    """What the agent sees: simple115 (115 numbers), players (274 numbers relative to the controlled
+    player), minimap (four stacked mini maps as cell indices) or smm (the same as dense planes)."""
 
     hidden_sizes: tuple[int, ...] = (256, 256)
-    """Layer widths of the network that reads simple115."""
+    """Layer widths of the network that reads simple115 or players."""
 
     activation: str = "relu"
     """Activation of that network, relu or tanh."""

@@ -20,6 +20,7 @@ from fbrl.cli import density, doctor, eval, plot, watch
 from fbrl.config import CHANGEABLE_ON_RESUME, PPOConfig, TrainConfig
 from fbrl.envs import OBSERVATION_SPACE, SCENARIOS
 from fbrl.envs.actions import ACTION_NAMES
+from fbrl.transforms.players_table import PLAYER_FEATURES, PLAYERS_FEATURES, SINGLE_FEATURES
 
 DOCS = REPOSITORY / "docs"
 PAGES = [
@@ -71,6 +72,20 @@ def test_the_table_of_observations_is_that_of_the_space():
         assert shape == str(space.shape), name
         assert dtype == str(space.dtype), name
         assert bounds == (f"{low:g} to {high:g}" if np.isfinite(low) else ""), name
+
+
+def test_the_tables_of_the_numbers_of_players_are_those_of_the_source():
+    once = table("players.md", "## Once")
+    expected = [[str(column), *entry] for column, entry in enumerate(SINGLE_FEATURES.items())]
+    assert once == expected
+    names = list(PLAYERS_FEATURES)
+    for mate, opponent, name, meaning in table("players.md", "## For each player"):
+        assert PLAYER_FEATURES[name] == meaning
+        assert names[int(mate)] == f"mate_1_{name}"
+        assert opponent == "-" or names[int(opponent)] == f"opponent_1_{name}"
+    listed = {name for _, _, name, _ in table("players.md", "## For each player")}
+    assert listed == set(PLAYER_FEATURES)
+    assert f"{len(names)} numbers" in (DOCS / "players.md").read_text()
 
 
 def test_the_table_of_actions_is_that_of_the_source():

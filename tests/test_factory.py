@@ -15,7 +15,12 @@ PARTS = {
     "checkpoints": ["reward_scoring", "reward_checkpoint"],
     "scoring": ["reward_scoring"],
 }
-OBSERVATION_KEYS = {"minimap": "minimap_cells", "smm": "smm", "simple115": "simple115"}
+OBSERVATION_KEYS = {
+    "minimap": "minimap_cells",
+    "smm": "smm",
+    "simple115": "simple115",
+    "players": "players",
+}
 
 
 @pytest.mark.parametrize("reward", PARTS)

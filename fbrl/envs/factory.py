@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -20,10 +21,12 @@ from fbrl.envs.observation import OBSERVATION_SPACE, select_space
 from fbrl.envs.torchrl_matches import FootballMatches
 from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
 from fbrl.transforms import (
+    ActionMemory,
     AssistDensityPotential,
     AssistDensityReward,
     CheckpointReward,
     MiniMapCells,
+    Players,
     PlayStatistics,
     ScoringReward,
     Simple115,
@@ -43,6 +46,7 @@ OBSERVATIONS: Mapping[str, Callable[[], Transform]] = {
     "minimap": MiniMapCells,
     "smm": SuperMiniMap,
     "simple115": Simple115,
+    "players": lambda: Compose(ActionMemory(), Players()),
 }
 """The observations by name, as :func:`fbrl.models.actor_critic.build_actor_critic` knows them."""
 
@@ -110,7 +114,7 @@ def make_env(
         reward: ``"analytics"``, ``"checkpoints"``, ``"scoring"``, or a transform of that family,
             such as ``AssistDensityReward(transition="consecutive")``; ``"potential"`` only as
             ``AssistDensityPotential(gamma=0.993)``, with the training's discount.
-        observation: ``"minimap"``, ``"smm"``, ``"simple115"``, or a transform.
+        observation: ``"minimap"``, ``"smm"``, ``"simple115"``, ``"players"``, or a transform.
         num_threads: Threads that step the matches; one for each available core by default.
         action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
         keep_keys: Raw observation keys to keep; the others are dropped once the reward and the
@@ -163,4 +167,7 @@ def as_torchrl(matches: FootballVectorEnv) -> FootballMatches:
 
 def raw_keys_of(transforms: Iterable[Transform]) -> set[str]:
     """What the transforms read of a match's raw observation."""
-    return {key for transform in transforms for key in transform.in_keys} & set(OBSERVATION_SPACE)
+    single = itertools.chain.from_iterable(
+        transform if isinstance(transform, Compose) else [transform] for transform in transforms
+    )
+    return {key for transform in single for key in transform.in_keys} & set(OBSERVATION_SPACE)

@@ -16,6 +16,7 @@ from torchrl.modules import ActorValueOperator, ProbabilisticActor, ValueOperato
 from fbrl.checks.counts import check_count
 from fbrl.models.impala import ImpalaCNN
 from fbrl.models.mlp import MLP, Activation
+from fbrl.transforms.players_table import NUM_FEATURES
 
 __all__ = [
     "OBSERVATION_KEYS",
@@ -25,14 +26,18 @@ __all__ = [
     "build_actor_critic",
 ]
 
-ObservationName = Literal["minimap", "smm", "simple115"]
+ObservationName = Literal["minimap", "smm", "simple115", "players"]
 
 OBSERVATION_KEYS: dict[str, str] = {
     "minimap": "minimap_cells",
     "smm": "smm",
     "simple115": "simple115",
+    "players": "players",
 }
 """The tensordict key of each observation."""
+
+VECTOR_SIZES: dict[str, int] = {"simple115": 115, "players": NUM_FEATURES}
+"""How many numbers there are in those that are vectors."""
 
 
 class ActorCritic(ActorValueOperator):
@@ -213,7 +218,8 @@ def build_actor_critic(
 
     Args:
         observation: ``"minimap"`` (reads ``minimap_cells``) and ``"smm"`` (reads ``smm``) give
-            the same convolutional network, ``"simple115"`` a multilayer perceptron.
+            the same convolutional network, ``"simple115"`` and ``"players"`` a multilayer
+            perceptron.
         num_actions: number of discrete actions.
         num_frames: how many frames ``"minimap"`` and ``"smm"`` stack.
         hidden_sizes: sizes of the perceptron's layers.
@@ -241,8 +247,8 @@ def build_actor_critic(
         )
     num_actions = check_count("num_actions", num_actions)
     trunk: ImpalaCNN | MLP
-    if observation == "simple115":
-        trunk = MLP(115, hidden_sizes, activation, device)
+    if observation in VECTOR_SIZES:
+        trunk = MLP(VECTOR_SIZES[observation], hidden_sizes, activation, device)
     else:
         trunk = ImpalaCNN(num_frames, device=device)
     return ActorCritic(

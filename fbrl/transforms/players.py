@@ -1,0 +1,127 @@
+"""What the controlled player sees: numbers relative to it, players by their distance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torchrl.data import Composite, Unbounded
+from torchrl.envs import Transform
+
+from fbrl.transforms.players_features import players_features
+from fbrl.transforms.players_table import NUM_FEATURES, PLAYERS_FEATURES
+from fbrl.transforms.raw_observation import read_fields
+
+__all__ = ["PLAYERS_FEATURES", "Players"]
+
+_FIELDS = (
+    "left_team",
+    "left_team_direction",
+    "left_team_tired_factor",
+    "left_team_active",
+    "left_team_roles",
+    "right_team",
+    "right_team_direction",
+    "right_team_tired_factor",
+    "right_team_active",
+    "right_team_roles",
+    "ball",
+    "ball_direction",
+    "active",
+    "designated",
+    "ball_owned_team",
+    "ball_owned_player",
+    "game_mode",
+    "score",
+    "steps_left",
+    "sticky_actions",
+    "action_memory",
+)
+
+
+class Players(Transform):
+    """The match as the controlled player sees it, in numbers of about unit size.
+
+    Writes ``players``, a float32 tensor of shape ``(*batch, 274)``; each number has a name and a
+    meaning in :data:`PLAYERS_FEATURES`. First what there is once: what is held and was done lately,
+    the controlled player, the ball, the goals, the game. Then ten team-mates and eleven opponents,
+    each sorted by distance from the controlled player, nearest first.
+
+    Positions are relative to the controlled player, in multiples of 25 metres along the axes of the
+    pitch, to which the actions' directions belong; velocities in multiples of 5 m/s (10 m/s for the
+    ball). Where nobody is controlled the ball stands in for the player. Who isn't there (fewer than
+    eleven a side, or sent off) has zeros throughout, after those who are.
+
+    It is computed on the CPU, wherever the observations are.
+
+    Args:
+        in_keys: where to find the raw observations and ``action_memory``, as
+            :class:`ActionMemory` writes it before, in the order of the defaults.
+        out_keys: where to write the vector.
+
+    Raises:
+        ValueError: if there are more or fewer keys than these.
+
+    Examples:
+        >>> from fbrl.envs import make_env
+        >>> env = make_env("academy_empty_goal", num_envs=2, observation="players", seed=0)
+        >>> state = env.reset()["players"]
+        >>> state.shape
+        torch.Size([2, 274])
+        >>> numbers = dict(zip(PLAYERS_FEATURES, state[0].tolist()))
+        >>> numbers["ball_is_free"], numbers["opponent_1_is_keeper"], numbers["opponent_2_is_there"]
+        (1.0, 1.0, 0.0)
+    """
+
+    def __init__(
+        self,
+        in_keys: Sequence[NestedKey] | None = None,
+        out_keys: Sequence[NestedKey] | None = None,
+    ) -> None:
+        super().__init__(
+            in_keys=list(_FIELDS) if in_keys is None else in_keys,
+            out_keys=["players"] if out_keys is None else out_keys,
+        )
+        if len(self.in_keys) != len(_FIELDS) or len(self.out_keys) != 1:
+            raise ValueError(
+                f"Players: in_keys must name {len(_FIELDS)} keys for {_FIELDS}, in this order, "
+                f"and out_keys one; got in_keys={self.in_keys} and out_keys={self.out_keys}."
+            )
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        fields = read_fields(next_tensordict, self.in_keys, _FIELDS, type(self).__name__)
+        shape, device = fields[-1].shape[:-1], fields[-1].device
+        rows = [_rows_of_matches(field, shape) for field in fields]
+        numbers = torch.from_numpy(players_features(dict(zip(_FIELDS, rows, strict=True))))
+        vector = numbers.view(*shape, NUM_FEATURES).to(device)
+        return next_tensordict.set(self.out_keys[0], vector)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    _reset_on_native_autoreset = _reset
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Computes the vector of stored observations, under ``"next"`` too where they are there."""
+        self._call(tensordict)
+        if ("next", self.in_keys[0]) in tensordict.keys(include_nested=True):
+            self._call(tensordict.get("next"))
+        return tensordict
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Adds the vector to the observation."""
+        observation_spec[self.out_keys[0]] = Unbounded(
+            (*observation_spec.shape, NUM_FEATURES),
+            dtype=torch.float32,
+            device=observation_spec.device,
+        )
+        return observation_spec
+
+
+def _rows_of_matches(field: torch.Tensor, shape: torch.Size) -> np.ndarray:
+    rows = field if len(shape) == 1 else field.reshape(-1, *field.shape[len(shape) :])
+    return rows.cpu().numpy()
