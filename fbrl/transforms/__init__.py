@@ -1,5 +1,6 @@
 """TorchRL transforms for rewards and observations; usable without gfootball installed."""
 
+from fbrl.transforms.action_masks import EngineActionMask, ExpertActionMask
 from fbrl.transforms.action_memory import ActionMemory
 from fbrl.transforms.along_time import Memory
 from fbrl.transforms.assist_potential import AssistDensityPotential
@@ -20,6 +21,8 @@ __all__ = [
     "AssistDensityPotential",
     "AssistDensityReward",
     "CheckpointReward",
+    "EngineActionMask",
+    "ExpertActionMask",
     "Memory",
     "MiniMapCells",
     "Observation",
