@@ -24,12 +24,14 @@ from torchrl.objectives import ClipPPOLoss
 import fbrl.models.actor_critic
 import fbrl.models.impala
 import fbrl.models.mlp
+import fbrl.models.player_set
+import fbrl.models.policy_head
 from fbrl.models import MLP, ActorCritic, ImpalaCNN, build_actor_critic
 from fbrl.models.impala import max_pool_same
-from fbrl.transforms import Simple115, SuperMiniMap
+from fbrl.transforms import PLAYERS_FEATURES, Simple115, SuperMiniMap
 from fbrl.transforms.minimap_grid import cells_to_planes
 
-OBSERVATIONS = ("minimap", "smm", "simple115")
+OBSERVATIONS = ("minimap", "smm", "simple115", "players")
 WRITTEN = ("action", "action_log_prob", "state_value")
 
 
@@ -48,6 +50,7 @@ def random_batch(*batch: int) -> TensorDict:
         minimap_cells=cells,
         smm=cells_to_planes(cells),
         simple115=torch.randn(*batch, 115),
+        players=torch.randn(*batch, len(PLAYERS_FEATURES)),
         batch_size=batch,
     )
 
@@ -229,7 +232,7 @@ def test_results_do_not_depend_on_the_shape_of_the_batch(observation):
 )
 def test_the_collection_policy_equals_the_composed_operators_bit_for_bit(observation, exploration):
     model = decisive(build_actor_critic(observation))
-    batch = random_batch(64 if observation == "simple115" else 6)
+    batch = random_batch(64 if observation in ("simple115", "players") else 6)
     results = []
     for operator in (model, model.get_collection_policy()):
         torch.manual_seed(3)
@@ -327,7 +330,7 @@ def test_the_ppo_ratio_of_freshly_collected_actions_is_exactly_1():
     assert losses["max_ratio"].item() == 1
 
 
-@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize("observation", ["minimap", "smm", "simple115"])
 def test_a_collector_runs_the_policy_on_the_transformed_observation(observation):
     base_env = GymWrapper(SyntheticVectorEnv(), categorical_action_encoding=True)
     env = TransformedEnv(base_env, Compose(SuperMiniMap(), Simple115()))
@@ -353,7 +356,16 @@ def test_parameters_are_created_on_the_device_asked_for(observation):
     assert {parameter.device.type for parameter in model.parameters()} == {"meta"}
 
 
-@pytest.mark.parametrize("module", [fbrl.models.impala, fbrl.models.mlp, fbrl.models.actor_critic])
+@pytest.mark.parametrize(
+    "module",
+    [
+        fbrl.models.actor_critic,
+        fbrl.models.impala,
+        fbrl.models.mlp,
+        fbrl.models.player_set,
+        fbrl.models.policy_head,
+    ],
+)
 def test_documented_examples_run(module):
     outcome = doctest.testmod(module)
     assert outcome.attempted > 0

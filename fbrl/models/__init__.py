@@ -3,5 +3,13 @@
 from fbrl.models.actor_critic import ActorCritic, CollectionPolicy, build_actor_critic
 from fbrl.models.impala import ImpalaCNN
 from fbrl.models.mlp import MLP
+from fbrl.models.player_set import PlayerSet
 
-__all__ = ["MLP", "ActorCritic", "CollectionPolicy", "ImpalaCNN", "build_actor_critic"]
+__all__ = [
+    "MLP",
+    "ActorCritic",
+    "CollectionPolicy",
+    "ImpalaCNN",
+    "PlayerSet",
+    "build_actor_critic",
+]

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, TypeVar, get_args
 
 import torch
-from tensordict import NestedKey, TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from tensordict import NestedKey
+from tensordict.nn import TensorDictModule
 from torch import nn
 from torch.distributions import Categorical
-from torchrl.envs.utils import ExplorationType, exploration_type
+from torchrl.envs.utils import ExplorationType
 from torchrl.modules import ActorValueOperator, ProbabilisticActor, ValueOperator
 
 from fbrl.checks.counts import check_count
+from fbrl.models.collection_policy import CollectionPolicy
 from fbrl.models.impala import ImpalaCNN
+from fbrl.models.mirror import MIRRORED_ACTIONS, MIRRORS, MirroredTrunk
 from fbrl.models.mlp import MLP, Activation
+from fbrl.models.player_set import PlayerSet
+from fbrl.models.policy_head import PolicyHead
 from fbrl.transforms.players_table import NUM_FEATURES
 
 __all__ = [
@@ -25,6 +29,10 @@ __all__ = [
     "ObservationName",
     "build_actor_critic",
 ]
+
+Linear = TypeVar("Linear", bound=nn.Linear)
+
+NetworkName = Literal["mlp", "player_set"]
 
 ObservationName = Literal["minimap", "smm", "simple115", "players"]
 
@@ -49,11 +57,13 @@ class ActorCritic(ActorValueOperator):
     the environment. All of them share their parameters.
 
     Args:
-        trunk: maps the observation to features.
+        trunk: maps the observation to features; a :class:`~fbrl.models.mirror.MirroredTrunk` also
+            to whether they are those of the mirrored state, which it writes as ``mirrored``.
         observation_key: what the trunk reads.
         num_features: size of the trunk's output.
         num_actions: number of discrete actions.
         device: where the parameters of the heads live.
+        is_masked: whether the policy reads ``action_mask`` and chooses none that is false there.
     """
 
     def __init__(
@@ -63,13 +73,22 @@ class ActorCritic(ActorValueOperator):
         num_features: int,
         num_actions: int,
         device: torch.device | str | None = None,
+        *,
+        is_masked: bool = False,
     ) -> None:
-        policy_head = _orthogonal_linear(num_features, num_actions, 0.01, device)
-        value_head = _orthogonal_linear(num_features, 1, 1.0, device)
+        policy_head = _orthogonal(PolicyHead(num_features, num_actions, device), 0.01)
+        value_head = _orthogonal(nn.Linear(num_features, 1, device=device), 1.0)
+        features = ["hidden", "mirrored"] if isinstance(trunk, MirroredTrunk) else ["hidden"]
+        read_by_policy = [*features, "action_mask"] if is_masked else features
         super().__init__(
-            TensorDictModule(trunk, in_keys=[observation_key], out_keys=["hidden"]),
+            TensorDictModule(trunk, in_keys=[observation_key], out_keys=features),
             ProbabilisticActor(
-                TensorDictModule(policy_head, in_keys=["hidden"], out_keys=["logits"]),
+                TensorDictModule(
+                    policy_head,
+                    in_keys={key: key for key in read_by_policy},
+                    out_keys=["logits"],
+                    out_to_in_map=True,
+                ),
                 in_keys=["logits"],
                 distribution_class=Categorical,
                 # Validation reads the logits back, which makes a GPU wait.
@@ -80,126 +99,17 @@ class ActorCritic(ActorValueOperator):
             ),
             ValueOperator(value_head, in_keys=["hidden"]),
         )
+        self._is_masked = is_masked
 
     def get_collection_policy(self) -> CollectionPolicy:
         """Returns the policy that acts in the environment; it shares the parameters."""
         trunk = self.get_submodule("module.0.module")
         policy_head = self.get_submodule("module.1.module.0.module")
         value_head = self.get_submodule("module.2.module")
-        return CollectionPolicy(trunk, policy_head, value_head, self.module[0].in_keys[0])
-
-
-class CollectionPolicy(TensorDictModuleBase):
-    """Chooses actions, and writes their log-probability and the value of the state.
-
-    The same numbers as the operators of :class:`ActorCritic`, from one call of the trunk, without
-    building distributions and without writing ``hidden`` and ``logits``, which a collector would
-    store. Nothing it writes requires gradients. The tensordict may be on another device than the
-    parameters: only the observation, and what is written, are moved.
-
-    Actions are sampled, or the most probable ones under
-    ``torchrl.envs.set_exploration_type(ExplorationType.DETERMINISTIC)``.
-
-    Args:
-        trunk: maps the observation to features.
-        policy_head: maps the features to logits.
-        value_head: maps the features to a value.
-        observation_key: what the trunk reads.
-    """
-
-    def __init__(
-        self,
-        trunk: nn.Module,
-        policy_head: nn.Linear,
-        value_head: nn.Linear,
-        observation_key: NestedKey,
-    ) -> None:
-        super().__init__()
-        self.trunk = trunk
-        self.policy_head = policy_head
-        self.value_head = value_head
-        self.in_keys = [observation_key]
-        self.out_keys = ["action", "action_log_prob", "state_value"]
-        self._pinned: torch.Tensor | None = None
-
-    @torch.no_grad()
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Adds ``action``, ``action_log_prob`` and ``state_value``."""
-        return self._act(tensordict, exploration_type() or ExplorationType.RANDOM)
-
-    @torch.no_grad()
-    def sample(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """As ``forward``, with sampled actions whatever the exploration type.
-
-        All threads have one exploration type, and TorchRL's losses set it: a thread that acts while
-        another one learns must not read it.
-        """
-        return self._act(tensordict, ExplorationType.RANDOM)
-
-    @property
-    def device(self) -> torch.device:
-        """Where the parameters are."""
-        return self.value_head.weight.device
-
-    def draw_noise(self, num_states: int) -> torch.Tensor:
-        """The random numbers that sample an action in so many states, shape (num_states, actions).
-
-        They are what torch.multinomial draws for one draw from each state.
-        """
-        head = self.policy_head
-        return head.weight.new_empty((num_states, head.out_features)).exponential_()
-
-    @torch.no_grad()
-    def act(
-        self, observation: torch.Tensor, noise: torch.Tensor | None
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Chooses actions by tensors alone.
-
-        Args:
-            observation: shape (states, ...), on any device.
-            noise: from :meth:`draw_noise`; ``None`` for the most probable actions.
-
-        Returns:
-            The actions (states,), their log-probabilities (states,) and the values of the states
-            (states, 1), on the policy's device.
-        """
-        hidden = self.trunk(self._on_device(observation))
-        logits = self.policy_head(hidden)
-        # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
-        log_probs = logits - logits.logsumexp(-1, keepdim=True)
-        action = (log_probs if noise is None else log_probs.softmax(-1) / noise).argmax(-1)
-        log_prob = log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1)
-        return action, log_prob, self.value_head(hidden)
-
-    def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
-        observation = tensordict.get(self.in_keys[0], None)
-        if observation is None:
-            raise KeyError(
-                f"The policy reads {self.in_keys[0]!r}, which is not in the tensordict: it has "
-                f"{sorted(map(str, tensordict.keys()))}. Give the environment its observation."
-            )
-        noise = None
-        if exploration is ExplorationType.RANDOM:
-            noise = self.draw_noise(tensordict.numel()).reshape(*tensordict.shape, -1)
-        elif exploration not in (ExplorationType.DETERMINISTIC, ExplorationType.MODE):
-            raise ValueError(
-                f"The exploration type is {exploration}, but discrete actions have no such value: "
-                "set ExplorationType.RANDOM to sample, or DETERMINISTIC for the most probable "
-                "action."
-            )
-        for key, value in zip(self.out_keys, self.act(observation, noise), strict=True):
-            tensordict.set(key, value.to(observation.device))
-        return tensordict
-
-    def _on_device(self, observation: torch.Tensor) -> torch.Tensor:
-        device = self.device
-        if observation.device == device or device.type != "cuda":
-            return observation.to(device)
-        if self._pinned is None or self._pinned.shape != observation.shape:
-            self._pinned = torch.empty_like(observation, pin_memory=True)
-        # Only from pinned memory the CPU need not wait for the transfer. It waits for the actions,
-        # after which the next observation may take this one's place.
-        return self._pinned.copy_(observation).to(device, non_blocking=True)
+        observation_key = self.module[0].in_keys[0]
+        return CollectionPolicy(
+            trunk, policy_head, value_head, observation_key, is_masked=self._is_masked
+        )
 
 
 def build_actor_critic(
@@ -209,6 +119,9 @@ def build_actor_critic(
     num_frames: int = 4,
     hidden_sizes: Sequence[int] = (256, 256),
     activation: Activation = "relu",
+    network: NetworkName = "mlp",
+    is_mirrored: bool = False,
+    is_masked: bool = False,
     device: torch.device | str | None = None,
 ) -> ActorCritic:
     """Builds the actor-critic for an observation.
@@ -224,6 +137,12 @@ def build_actor_critic(
         num_frames: how many frames ``"minimap"`` and ``"smm"`` stack.
         hidden_sizes: sizes of the perceptron's layers.
         activation: of the perceptron, ``"relu"`` or ``"tanh"``.
+        network: what reads ``"players"``: ``"mlp"``, or ``"player_set"``, which treats players as
+            sets. The other observations have one network each.
+        is_mirrored: whether the network sees every state with the ball in the lower half, see
+            :mod:`fbrl.models.mirror`.
+        is_masked: whether the policy reads ``action_mask``, see
+            :class:`~fbrl.transforms.EngineActionMask`.
         device: where the parameters live.
 
     Raises:
@@ -245,21 +164,40 @@ def build_actor_critic(
         raise ValueError(
             f"observation is {observation!r}, but must be one of {tuple(OBSERVATION_KEYS)}."
         )
+    if network not in get_args(NetworkName):
+        raise ValueError(f"network is {network!r}, but must be one of {get_args(NetworkName)}.")
+    if network == "player_set" and observation != "players":
+        raise ValueError(
+            f"The network player_set reads the observation players, but the observation is "
+            f"{observation!r}."
+        )
     num_actions = check_count("num_actions", num_actions)
-    trunk: ImpalaCNN | MLP
-    if observation in VECTOR_SIZES:
+    trunk: ImpalaCNN | MLP | PlayerSet | MirroredTrunk
+    if network == "player_set":
+        trunk = PlayerSet(hidden_sizes=hidden_sizes, activation=activation, device=device)
+    elif observation in VECTOR_SIZES:
         trunk = MLP(VECTOR_SIZES[observation], hidden_sizes, activation, device)
     else:
         trunk = ImpalaCNN(num_frames, device=device)
+    num_features = trunk.num_features
+    if is_mirrored:
+        if num_actions != len(MIRRORED_ACTIONS):
+            raise ValueError(
+                f"num_actions is {num_actions}, but only gfootball's {len(MIRRORED_ACTIONS)} "
+                f"actions can be mirrored."
+            )
+        trunk = MirroredTrunk(trunk, MIRRORS[observation]().to(device))
     return ActorCritic(
-        trunk, OBSERVATION_KEYS[observation], trunk.num_features, num_actions, device
+        trunk,
+        OBSERVATION_KEYS[observation],
+        num_features,
+        num_actions,
+        device,
+        is_masked=is_masked,
     )
 
 
-def _orthogonal_linear(
-    num_in: int, num_out: int, gain: float, device: torch.device | str | None
-) -> nn.Linear:
-    linear = nn.Linear(num_in, num_out, device=device)
+def _orthogonal(linear: Linear, gain: float) -> Linear:
     nn.init.orthogonal_(linear.weight, gain)
     nn.init.zeros_(linear.bias)
     return linear

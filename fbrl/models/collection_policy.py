@@ -1,0 +1,143 @@
+"""The policy that acts in the environment."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import nn
+from torchrl.envs.utils import ExplorationType, exploration_type
+
+from fbrl.models.policy_head import PolicyHead
+
+__all__ = ["CollectionPolicy"]
+
+
+class CollectionPolicy(TensorDictModuleBase):
+    """Chooses actions, and writes their log-probability and the value of the state.
+
+    The same numbers as the operators of :class:`~fbrl.models.ActorCritic`, from one call of the
+    trunk, without building distributions and without writing ``hidden`` and ``logits``, which a
+    collector would store. Nothing it writes requires gradients. The tensordict may be on another
+    device than the parameters: only what is read and written is moved.
+
+    Actions are sampled, or the most probable ones under
+    ``torchrl.envs.set_exploration_type(ExplorationType.DETERMINISTIC)``.
+
+    Args:
+        trunk: maps the observation to features.
+        policy_head: maps the features to logits.
+        value_head: maps the features to a value.
+        observation_key: what the trunk reads.
+        is_masked: whether ``action_mask`` is read too.
+    """
+
+    def __init__(
+        self,
+        trunk: nn.Module,
+        policy_head: PolicyHead,
+        value_head: nn.Linear,
+        observation_key: NestedKey,
+        *,
+        is_masked: bool = False,
+    ) -> None:
+        super().__init__()
+        self.trunk = trunk
+        self.policy_head = policy_head
+        self.value_head = value_head
+        self.in_keys = [observation_key, "action_mask"] if is_masked else [observation_key]
+        self.out_keys = ["action", "action_log_prob", "state_value"]
+        self._pinned: dict[str, torch.Tensor] = {}
+
+    @torch.no_grad()
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Adds ``action``, ``action_log_prob`` and ``state_value``."""
+        return self._act(tensordict, exploration_type() or ExplorationType.RANDOM)
+
+    @torch.no_grad()
+    def sample(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """As ``forward``, with sampled actions whatever the exploration type.
+
+        All threads have one exploration type, and TorchRL's losses set it: a thread that acts while
+        another one learns must not read it.
+        """
+        return self._act(tensordict, ExplorationType.RANDOM)
+
+    @property
+    def device(self) -> torch.device:
+        """Where the parameters are."""
+        return self.value_head.weight.device
+
+    def draw_noise(self, num_states: int) -> torch.Tensor:
+        """The random numbers that sample an action in so many states, shape (num_states, actions).
+
+        They are what torch.multinomial draws for one draw from each state.
+        """
+        head = self.policy_head
+        return head.weight.new_empty((num_states, head.out_features)).exponential_()
+
+    @torch.no_grad()
+    def act(
+        self,
+        observation: torch.Tensor,
+        noise: torch.Tensor | None,
+        action_mask: torch.Tensor | None = None,
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Chooses actions by tensors alone.
+
+        Args:
+            observation: shape (states, ...), on any device.
+            noise: from :meth:`draw_noise`; ``None`` for the most probable actions.
+            action_mask: bool (states, actions), on any device, false for what must not be chosen.
+
+        Returns:
+            The actions (states,), their log-probabilities (states,) and the values of the states
+            (states, 1), on the policy's device.
+        """
+        features = self.trunk(self._on_device("observation", observation))
+        hidden, mirrored = features if isinstance(features, tuple) else (features, None)
+        if action_mask is not None:
+            action_mask = self._on_device("action_mask", action_mask)
+        logits = self.policy_head(hidden, mirrored, action_mask)
+        # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
+        log_probs = logits - logits.logsumexp(-1, keepdim=True)
+        action = (log_probs if noise is None else log_probs.softmax(-1) / noise).argmax(-1)
+        log_prob = log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1)
+        return action, log_prob, self.value_head(hidden)
+
+    def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
+        observation, *masks = (self._read(tensordict, key) for key in self.in_keys)
+        noise = None
+        if exploration is ExplorationType.RANDOM:
+            noise = self.draw_noise(tensordict.numel()).reshape(*tensordict.shape, -1)
+        elif exploration not in (ExplorationType.DETERMINISTIC, ExplorationType.MODE):
+            raise ValueError(
+                f"The exploration type is {exploration}, but discrete actions have no such value: "
+                "set ExplorationType.RANDOM to sample, or DETERMINISTIC for the most probable "
+                "action."
+            )
+        for key, value in zip(self.out_keys, self.act(observation, noise, *masks), strict=True):
+            tensordict.set(key, value.to(observation.device))
+        return tensordict
+
+    @staticmethod
+    def _read(tensordict: TensorDictBase, key: NestedKey) -> torch.Tensor:
+        entry = tensordict.get(key, None)
+        if entry is None:
+            remedy = "one of fbrl's action masks" if key == "action_mask" else "its observation"
+            raise KeyError(
+                f"The policy reads {key!r}, which is not in the tensordict: it has "
+                f"{sorted(map(str, tensordict.keys()))}. Give the environment {remedy}."
+            )
+        return entry
+
+    def _on_device(self, name: str, entry: torch.Tensor) -> torch.Tensor:
+        device = self.device
+        if entry.device == device or device.type != "cuda":
+            return entry.to(device)
+        pinned = self._pinned.get(name, None)
+        if pinned is None or pinned.shape != entry.shape:
+            pinned = self._pinned[name] = torch.empty_like(entry, pin_memory=True)
+        # Only from pinned memory the CPU need not wait for the transfer. It waits for the actions,
+        # after which the next observation may take this one's place.
+        return pinned.copy_(entry).to(device, non_blocking=True)

@@ -1,0 +1,107 @@
+"""A network that reads the observation ``players`` as sets of team-mates and opponents."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import nn
+
+from fbrl.checks.counts import check_count
+from fbrl.models.mlp import MLP, Activation
+from fbrl.transforms.players_table import MATES, NUM_FEATURES, NUM_MATES, NUM_OPPONENTS
+
+__all__ = ["PlayerSet"]
+
+
+class PlayerSet(nn.Module):
+    """One perceptron for every team-mate and one for every opponent, pooled, then a perceptron.
+
+    What is learned of one player holds for all of its team, whatever its place in the order. Each
+    player's embedding, a layer of which also sees the numbers that there are once, is pooled over
+    those who are there, by their maximum and their mean (Zaheer et al. 2017, deep sets). The
+    pooled embeddings and the numbers that there are once go into an :class:`MLP`.
+
+    Args:
+        embedding_size: numbers of a player's embedding.
+        hidden_sizes: size of each layer of the last perceptron; the last one is the number of
+            features.
+        activation: ``"relu"`` or ``"tanh"``, of the last perceptron.
+        device: where the parameters live.
+
+    Raises:
+        ValueError: A size is less than 1, there is no layer, or the activation is unknown.
+        TypeError: A size is no integer.
+
+    Examples:
+        >>> import torch
+        >>> PlayerSet()(torch.zeros(5, 2, 274)).shape
+        torch.Size([5, 2, 256])
+    """
+
+    def __init__(
+        self,
+        embedding_size: int = 32,
+        hidden_sizes: Sequence[int] = (256, 256),
+        activation: Activation = "relu",
+        device: torch.device | str | None = None,
+    ) -> None:
+        super().__init__()
+        size = check_count("embedding_size", embedding_size)
+        num_single, num_pooled = MATES.start, 4 * size
+        self.mates = _PlayerEmbedding(_per_player(MATES, NUM_MATES), num_single, size, device)
+        opponents = slice(MATES.stop, NUM_FEATURES)
+        self.opponents = _PlayerEmbedding(
+            _per_player(opponents, NUM_OPPONENTS), num_single, size, device
+        )
+        self.perceptron = MLP(num_single + num_pooled, hidden_sizes, activation, device)
+        self.num_features = self.perceptron.num_features
+
+    def forward(self, players: torch.Tensor) -> torch.Tensor:
+        """Maps (..., 274) to (..., num_features).
+
+        Raises:
+            ValueError: The observation has another size or is not floating point.
+        """
+        if players.shape[-1:] != (NUM_FEATURES,) or not players.is_floating_point():
+            raise ValueError(
+                f"The observation is {players.dtype} of shape {tuple(players.shape)}; it must be "
+                f"floating point of shape (..., {NUM_FEATURES}). Players writes it."
+            )
+        once, mates = players[..., : MATES.start], players[..., MATES]
+        mates = mates.unflatten(-1, (NUM_MATES, -1))
+        opponents = players[..., MATES.stop :].unflatten(-1, (NUM_OPPONENTS, -1))
+        pooled = [once, self.mates(mates, once), self.opponents(opponents, once)]
+        return self.perceptron(torch.cat(pooled, -1))
+
+
+class _PlayerEmbedding(nn.Module):
+    """Embeds the players of a team and pools them: their maximum and their mean."""
+
+    def __init__(
+        self, num_inputs: int, num_once: int, size: int, device: torch.device | str | None
+    ) -> None:
+        super().__init__()
+        self.of_player = _orthogonal(num_inputs, size, device)
+        self.of_match = _orthogonal(num_once, size, device)
+        self.embedding = _orthogonal(size, size, device)
+
+    def forward(self, players: torch.Tensor, once: torch.Tensor) -> torch.Tensor:
+        hidden = self.of_player(players) + self.of_match(once).unsqueeze(-2)
+        embedded = self.embedding(hidden.relu_()).relu_()
+        # What is embedded is not negative, so that who isn't there never is the maximum.
+        embedded = embedded * players[..., :1]
+        mean = embedded.sum(-2) / players[..., 0].sum(-1, keepdim=True).clamp(min=1)
+        # The gradient of ``amax``, which shares it out among equals, takes several times as long.
+        return torch.cat([embedded.max(-2).values, mean], -1)
+
+
+def _per_player(columns: slice, num_players: int) -> int:
+    return (columns.stop - columns.start) // num_players
+
+
+def _orthogonal(num_in: int, num_out: int, device: torch.device | str | None) -> nn.Linear:
+    linear = nn.Linear(num_in, num_out, device=device)
+    nn.init.orthogonal_(linear.weight, 2**0.5)
+    nn.init.zeros_(linear.bias)
+    return linear
