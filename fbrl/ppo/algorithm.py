@@ -67,7 +67,7 @@ class PPO:
             model.parameters(), config.learning_rate, eps=1e-5, fused=True
         )
         self._learned_keys = [
-            *model.get_value_operator().in_keys,
+            *model.in_keys,
             "action",
             "action_log_prob",
             "advantage",

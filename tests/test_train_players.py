@@ -1,0 +1,63 @@
+"""PPO on the observation players, with masks, the mirror and either network."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torchrl.envs import Compose
+
+from fbrl.collect import make_collection_env
+from fbrl.config import PPOConfig
+from fbrl.models import build_actor_critic
+from fbrl.ppo import PPO
+from fbrl.ppo.update import minibatches, update
+from fbrl.transforms import ActionMemory, EngineActionMask, ExpertActionMask, Players
+
+CONFIG = PPOConfig(total_frames=256, num_envs=4, num_steps=32, num_minibatches=2, num_epochs=2)
+
+
+@pytest.mark.parametrize("mask", [None, EngineActionMask, ExpertActionMask])
+@pytest.mark.parametrize("network", ["mlp", "player_set"])
+def test_a_batch_is_collected_and_learned_from(network, mask):
+    torch.manual_seed(0)
+    observation = [ActionMemory(), Players()] + ([mask()] if mask else [])
+    env, bookkeeping = make_collection_env(
+        "academy_3_vs_1_with_keeper", num_envs=4, observation=Compose(*observation), seed=0
+    )
+    model = build_actor_critic(
+        "players", network=network, is_mirrored=True, is_masked=mask is not None
+    )
+    before = [parameter.detach().clone() for parameter in model.parameters()]
+    ppo = PPO(env, model, CONFIG, bookkeeping)
+    losses = []
+    for _ in range(2):
+        batch = ppo.collect()
+        if mask:
+            chosen = batch["action_mask"].gather(-1, batch["action"].unsqueeze(-1))
+            assert chosen.all()
+            assert not batch["action_mask"].all()
+        assert batch["players"][..., :10].any()
+        losses.append(ppo.learn(batch))
+    env.close()
+    assert all(0 < loss["entropy"] < 3 for loss in losses)
+    after = model.parameters()
+    assert all(not torch.equal(one, other) for one, other in zip(before, after, strict=True))
+
+
+def test_the_first_update_on_fresh_actions_has_no_divergence():
+    torch.manual_seed(0)
+    observation = Compose(ActionMemory(), Players(), EngineActionMask())
+    env, bookkeeping = make_collection_env(
+        "academy_counterattack_hard", num_envs=4, observation=observation, seed=0
+    )
+    model = build_actor_critic("players", is_mirrored=True, is_masked=True)
+    with torch.no_grad():
+        model.get_collection_policy().policy_head.weight.mul_(100)
+    ppo = PPO(env, model, CONFIG, bookkeeping)
+    batch = ppo.collect()
+    env.close()
+    batch["advantage"] = batch["value_target"] = torch.randn(*batch.shape, 1)
+    minibatch = next(minibatches(batch.reshape(-1), 64))
+    first = update(ppo.loss, ppo.optimizer, minibatch, 0.5)
+    assert abs(first["approx_kl"].item()) < 1e-6
+    assert first["clip_fraction"].item() == 0
