@@ -41,6 +41,8 @@ def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
         config.observation,  # type: ignore[arg-type]  # checked against its names
         hidden_sizes=config.hidden_sizes,
         activation=config.activation,  # type: ignore[arg-type]
+        network=config.network,  # type: ignore[arg-type]
+        is_mirrored=config.mirror,
         device=device,
     )
 

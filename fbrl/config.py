@@ -16,6 +16,7 @@ REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")
 OBSERVATION_NAMES = ("minimap", "smm", "simple115", "players")
 TRANSITION_NAMES = ("possession", "consecutive")
 ACTIVATION_NAMES = ("relu", "tanh")
+NETWORK_NAMES = ("mlp", "player_set")
 COLLECTOR_NAMES = ("threads", "ray")
 LOGGER_NAMES = ("wandb", "mlflow")
 _REWARD_OPTIONS = {
@@ -163,6 +164,14 @@ class TrainConfig:
     """What the agent sees: simple115 (115 numbers), players (274 numbers relative to the controlled
     player), minimap (four stacked mini maps as cell indices) or smm (the same as dense planes)."""
 
+    network: str = "mlp"
+    """What reads players: mlp, a perceptron, or player_set, which treats team-mates and opponents
+    as sets. The other observations have one network each."""
+
+    mirror: bool = False
+    """Let the network see every state with the ball in the lower half of the pitch, mirrored where
+    it is in the upper one."""
+
     hidden_sizes: tuple[int, ...] = (256, 256)
     """Layer widths of the network that reads simple115 or players."""
 
@@ -245,6 +254,12 @@ class TrainConfig:
         check_name("transition", self.transition, TRANSITION_NAMES)
         check_name("observation", self.observation, OBSERVATION_NAMES)
         check_name("activation", self.activation, ACTIVATION_NAMES)
+        check_name("network", self.network, NETWORK_NAMES)
+        if self.network == "player_set" and self.observation != "players":
+            raise ConfigError(
+                f"The network player_set reads players, and the observation is {self.observation}. "
+                "Add --observation players."
+            )
         _check(self, "hidden_sizes", min(self.hidden_sizes, default=0) >= 1, "positive widths")
         _check(self, "hidden_sizes", len(self.hidden_sizes) <= 64, "at most 64 of them")
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")

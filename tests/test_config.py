@@ -11,6 +11,7 @@ import pytest
 
 from fbrl.config import (
     ACTIVATION_NAMES,
+    NETWORK_NAMES,
     OBSERVATION_NAMES,
     REWARD_NAMES,
     ConfigError,
@@ -68,6 +69,7 @@ def test_names_agree_with_those_of_the_factory_and_the_networks():
     assert set(OBSERVATION_NAMES) == set(actor_critic.OBSERVATION_KEYS)
     assert set(OBSERVATION_NAMES) == set(get_args(actor_critic.ObservationName))
     assert set(ACTIVATION_NAMES) == set(get_args(mlp.Activation))
+    assert set(NETWORK_NAMES) == set(get_args(actor_critic.NetworkName))
 
 
 def test_a_network_is_by_default_that_of_a_training():
@@ -77,6 +79,8 @@ def test_a_network_is_by_default_that_of_a_training():
     trained = TrainConfig("academy_empty_goal")
     assert given["activation"] == trained.activation
     assert given["hidden_sizes"] == trained.hidden_sizes
+    assert given["network"] == trained.network
+    assert given["is_mirrored"] == trained.mirror
     assert signature(MLP).parameters["activation"].default == trained.activation
 
 
@@ -138,6 +142,8 @@ def test_impossible_hyperparameters_are_named(changes, message):
         ({"eval_episodes": -1}, "eval_episodes is -1"),
         ({"checkpoint_interval": 0}, "checkpoint_interval is 0"),
         ({"activation": "swish"}, "no activation 'swish'"),
+        ({"network": "player_sets"}, "Did you mean player_set"),
+        ({"network": "player_set"}, "the observation is simple115. Add --observation players"),
         ({"transition": "possesion"}, "Did you mean possession"),
         ({"episode_cap": -0.5}, "episode_cap is -0.5"),
         ({"episode_cap": float("inf")}, "episode_cap is inf"),

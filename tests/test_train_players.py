@@ -6,9 +6,12 @@ import pytest
 import torch
 from torchrl.envs import Compose
 
+import fbrl.cli.eval
+import fbrl.cli.train
+from fbrl.agent import load_agent
 from fbrl.collect import make_collection_env
 from fbrl.config import PPOConfig
-from fbrl.models import build_actor_critic
+from fbrl.models import PlayerSet, build_actor_critic
 from fbrl.ppo import PPO
 from fbrl.ppo.update import minibatches, update
 from fbrl.transforms import ActionMemory, EngineActionMask, ExpertActionMask, Players
@@ -61,3 +64,16 @@ def test_the_first_update_on_fresh_actions_has_no_divergence():
     first = update(ppo.loss, ppo.optimizer, minibatch, 0.5)
     assert abs(first["approx_kl"].item()) < 1e-6
     assert first["clip_fraction"].item() == 0
+
+
+def test_the_command_trains_and_evaluates_such_an_agent(run_main, tmp_path):
+    run_dir = tmp_path / "run"
+    sizes = ["--num-envs", 2, "--num-steps", 64, "--total-frames", 128, "--eval-episodes", 0]
+    agent = ["--observation", "players", "--network", "player_set", "--mirror"]
+    arguments = ["academy_empty_goal_close", *agent, *sizes, "--run-dir", run_dir]
+    run_main(fbrl.cli.train.main, *arguments)
+    loaded = load_agent(run_dir)
+    assert loaded.config.mirror
+    assert isinstance(loaded.model.get_collection_policy().trunk.trunk, PlayerSet)
+    printed = run_main(fbrl.cli.eval.main, run_dir, "--episodes", 4)
+    assert "goal difference" in printed.out

@@ -14,6 +14,7 @@ from docstring_parser import parse_from_object
 from fbrl.config import (
     ACTIVATION_NAMES,
     COLLECTOR_NAMES,
+    NETWORK_NAMES,
     OBSERVATION_NAMES,
     PRESET_NAMES,
     REWARD_NAMES,
@@ -29,6 +30,7 @@ _VALUES = {
     "density": "FILE|uniform|mirrored|shuffled",
     "transition": "|".join(TRANSITION_NAMES),
     "observation": "|".join(OBSERVATION_NAMES),
+    "network": "|".join(NETWORK_NAMES),
     "activation": "|".join(ACTIVATION_NAMES),
     "device": "auto|cpu|cuda|cuda:INDEX",
     "collector": "|".join(COLLECTOR_NAMES),

@@ -45,9 +45,10 @@ class Players(Transform):
     """The match as the controlled player sees it, in numbers of about unit size.
 
     Writes ``players``, a float32 tensor of shape ``(*batch, 274)``; each number has a name and a
-    meaning in :data:`PLAYERS_FEATURES`. First what there is once: what is held and was done lately,
-    the controlled player, the ball, the goals, the game. Then ten team-mates and eleven opponents,
-    each sorted by distance from the controlled player, nearest first.
+    meaning in :data:`~fbrl.transforms.players_table.PLAYERS_FEATURES`. First what there is once:
+    what is held and was done lately, the controlled player, the ball, the goals, the game. Then ten
+    team-mates and eleven opponents, each sorted by distance from the controlled player, nearest
+    first.
 
     Positions are relative to the controlled player, in multiples of 25 metres along the axes of the
     pitch, to which the actions' directions belong; velocities in multiples of 5 m/s (10 m/s for the

@@ -53,7 +53,7 @@ _MEANINGS = np.array([value for values in _VALUES for value in values])
 
 
 def players_features(fields: Fields) -> NDArray[np.float32]:
-    """Computes the numbers of :data:`~fbrl.transforms.PLAYERS_FEATURES`.
+    """Computes the numbers of :data:`~fbrl.transforms.players_table.PLAYERS_FEATURES`.
 
     Args:
         fields: the raw entries of :class:`~fbrl.transforms.Players` by their usual names, each with
