@@ -11,11 +11,11 @@ import torch
 from players_oracle import players_by_name
 from synthetic_matches import padded, random_match
 from tensordict import TensorDict
-from torchrl.envs import Compose, GymWrapper, TransformedEnv
+from torchrl.envs import Compose, GymWrapper, SerialEnv, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 import fbrl.transforms.players
-from fbrl.envs import OBSERVATION_SPACE, FootballEnv, make_env
+from fbrl.envs import ACTION_NAMES, OBSERVATION_SPACE, FootballEnv, make_env
 from fbrl.transforms import PLAYERS_FEATURES, ActionMemory, Players
 
 NAMES = list(PLAYERS_FEATURES)
@@ -142,13 +142,17 @@ def test_the_vector_is_the_same_in_any_batch_shape():
     assert torch.equal(Players()(matches[4])["players"], vectors[4])
 
 
+def single_match() -> TransformedEnv:
+    env = GymWrapper(FootballEnv("academy_empty_goal_close"), categorical_action_encoding=True)
+    return TransformedEnv(env, Compose(ActionMemory(), Players()))
+
+
 @pytest.mark.parametrize("num_envs", [None, 3])
 def test_specs_describe_what_comes_out(num_envs):
-    if num_envs is None:
-        env = GymWrapper(FootballEnv("academy_empty_goal_close"), categorical_action_encoding=True)
-        env = TransformedEnv(env, Compose(ActionMemory(), Players()))
-    else:
-        env = make_env("academy_empty_goal_close", num_envs=num_envs, observation="players")
+    scenario = "academy_empty_goal_close"
+    env = (
+        make_env(scenario, num_envs=num_envs, observation="players") if num_envs else single_match()
+    )
     check_env_specs(env)
     spec = env.observation_spec["players"]
     assert spec.shape == (*env.batch_size, len(NAMES))
@@ -206,3 +210,16 @@ def test_documented_examples_run(module):
     outcome = doctest.testmod(module)
     assert outcome.attempted > 0
     assert outcome.failed == 0
+
+
+def test_batched_environments_hand_the_memory_on():
+    env = SerialEnv(2, single_match)
+    check_env_specs(env)
+    torch.manual_seed(0)
+    data = env.rollout(60, break_when_any_done=False)
+    env.close()
+    done = data["next", "done"].squeeze(-1)
+    last = torch.where(done, -1, data["action"])[:, :-1]
+    assert torch.equal(data["action_memory"][:, 1:, 0], last)
+    told = data["players"][..., [NAMES.index(f"last_{name}") for name in ACTION_NAMES]]
+    assert torch.equal(told.sum(-1), (data["action_memory"][..., 0] >= 0).float())
