@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Composite, Unbounded
@@ -94,8 +93,8 @@ class Players(Transform):
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         fields = read_fields(next_tensordict, self.in_keys, _FIELDS, type(self).__name__)
         shape, device = fields[-1].shape[:-1], fields[-1].device
-        rows = [_rows_of_matches(field, shape) for field in fields]
-        numbers = torch.from_numpy(players_features(dict(zip(_FIELDS, rows, strict=True))))
+        arrays = [rows.numpy() for rows in _rows_of_matches(fields, shape, device)]
+        numbers = torch.from_numpy(players_features(dict(zip(_FIELDS, arrays, strict=True))))
         vector = numbers.view(*shape, NUM_FEATURES).to(device)
         return next_tensordict.set(self.out_keys[0], vector)
 
@@ -123,6 +122,12 @@ class Players(Transform):
         return observation_spec
 
 
-def _rows_of_matches(field: torch.Tensor, shape: torch.Size) -> np.ndarray:
-    rows = field if len(shape) == 1 else field.reshape(-1, *field.shape[len(shape) :])
-    return rows.cpu().numpy()
+def _rows_of_matches(
+    fields: list[torch.Tensor], shape: torch.Size, device: torch.device
+) -> list[torch.Tensor]:
+    """The fields on the CPU with one leading dimension, untouched where they are so already."""
+    if device.type != "cpu":
+        fields = [field.cpu() for field in fields]
+    if len(shape) != 1:
+        fields = [field.reshape(-1, *field.shape[len(shape) :]) for field in fields]
+    return fields
