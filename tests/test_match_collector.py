@@ -32,6 +32,7 @@ def collect(collector, num_batches):
     ("reward", "observation"),
     [
         ("analytics", "simple115"),
+        ("analytics", "players"),
         ("checkpoints", "minimap"),
         ("scoring", "smm"),
         (AssistDensityPotential(gamma=0.9), "simple115"),

@@ -140,6 +140,7 @@ def test_the_vector_is_the_same_in_any_batch_shape():
     vectors = Players()(matches.clone())["players"]
     assert torch.equal(Players()(matches.reshape(2, 3))["players"], vectors.view(2, 3, -1))
     assert torch.equal(Players()(matches[4])["players"], vectors[4])
+    assert Players()(matches[:0])["players"].shape == (0, len(NAMES))
 
 
 def single_match() -> TransformedEnv:

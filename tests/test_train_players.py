@@ -9,7 +9,7 @@ from torchrl.envs import Compose
 import fbrl.cli.eval
 import fbrl.cli.train
 from fbrl.agent import load_agent
-from fbrl.collect import make_collection_env
+from fbrl.collect import MatchCollector
 from fbrl.config import PPOConfig
 from fbrl.models import PlayerSet, build_actor_critic
 from fbrl.ppo import PPO
@@ -19,19 +19,29 @@ from fbrl.transforms import ActionMemory, EngineActionMask, ExpertActionMask, Pl
 CONFIG = PPOConfig(total_frames=256, num_envs=4, num_steps=32, num_minibatches=2, num_epochs=2)
 
 
+def make_collector(scenario, model, observation):
+    return MatchCollector(
+        scenario,
+        model.get_collection_policy(),
+        num_envs=4,
+        num_steps=32,
+        observation=Compose(*observation),
+        num_groups=2,
+        seed=0,
+    )
+
+
 @pytest.mark.parametrize("mask", [None, EngineActionMask, ExpertActionMask])
 @pytest.mark.parametrize("network", ["mlp", "player_set"])
 def test_a_batch_is_collected_and_learned_from(network, mask):
     torch.manual_seed(0)
     observation = [ActionMemory(), Players()] + ([mask()] if mask else [])
-    env, bookkeeping = make_collection_env(
-        "academy_3_vs_1_with_keeper", num_envs=4, observation=Compose(*observation), seed=0
-    )
     model = build_actor_critic(
         "players", network=network, is_mirrored=True, is_masked=mask is not None
     )
     before = [parameter.detach().clone() for parameter in model.parameters()]
-    ppo = PPO(env, model, CONFIG, bookkeeping)
+    collector = make_collector("academy_3_vs_1_with_keeper", model, observation)
+    ppo = PPO(collector, model, CONFIG)
     losses = []
     for _ in range(2):
         batch = ppo.collect()
@@ -41,7 +51,7 @@ def test_a_batch_is_collected_and_learned_from(network, mask):
             assert not batch["action_mask"].all()
         assert batch["players"][..., :10].any()
         losses.append(ppo.learn(batch))
-    env.close()
+    collector.close()
     assert all(0 < loss["entropy"] < 3 for loss in losses)
     after = model.parameters()
     assert all(not torch.equal(one, other) for one, other in zip(before, after, strict=True))
@@ -49,16 +59,14 @@ def test_a_batch_is_collected_and_learned_from(network, mask):
 
 def test_the_first_update_on_fresh_actions_has_no_divergence():
     torch.manual_seed(0)
-    observation = Compose(ActionMemory(), Players(), EngineActionMask())
-    env, bookkeeping = make_collection_env(
-        "academy_counterattack_hard", num_envs=4, observation=observation, seed=0
-    )
     model = build_actor_critic("players", is_mirrored=True, is_masked=True)
     with torch.no_grad():
         model.get_collection_policy().policy_head.weight.mul_(100)
-    ppo = PPO(env, model, CONFIG, bookkeeping)
+    observation = [ActionMemory(), Players(), EngineActionMask()]
+    collector = make_collector("academy_counterattack_hard", model, observation)
+    ppo = PPO(collector, model, CONFIG)
     batch = ppo.collect()
-    env.close()
+    collector.close()
     batch["advantage"] = batch["value_target"] = torch.randn(*batch.shape, 1)
     minibatch = next(minibatches(batch.reshape(-1), 64))
     first = update(ppo.loss, ppo.optimizer, minibatch, 0.5)

@@ -194,9 +194,9 @@ class MatchCollector(BatchCollector):
         """Chooses the actions of a group, and has its matches play them."""
         if len(self._noise) == step:
             self._noise.append(self.policy.draw_noise(self._matches.num_envs))
-        observation = group.views[step].get(self.policy.in_keys[0])
+        observation, *masks = (group.views[step].get(key) for key in self.policy.in_keys)
         noise = self._noise[step][group.rows]
-        action, log_prob, value = self.policy.act(observation, noise)
+        action, log_prob, value = self.policy.act(observation, noise, *masks)
         self._action[group.rows, step] = action
         self._log_prob[group.rows, step] = log_prob
         self._value[group.rows, step] = value

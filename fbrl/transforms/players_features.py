@@ -81,8 +81,9 @@ def players_features(fields: Fields) -> NDArray[np.float32]:
     np.copyto(distance[:, :_BALL], rows[..., 3], where=is_there)
     distance[matches, own] = np.inf
     mates, opponents = _nearest_first(rows, distance[:, :_BALL])
-    numbers[:, MATES] = mates[:, :NUM_MATES].reshape(len(active), -1)
-    numbers[:, OPPONENTS] = opponents[..., :-1].reshape(len(active), -1)
+    numbers[:, MATES] = mates[:, :NUM_MATES].reshape(len(active), MATES.stop - MATES.start)
+    opponents_shape = len(active), OPPONENTS.stop - OPPONENTS.start
+    numbers[:, OPPONENTS] = opponents[..., :-1].reshape(opponents_shape)
     return numbers
 
 
