@@ -43,7 +43,7 @@ def test_a_batch_has_the_numbers_of_single_steps(reward, observation):
     # With planes come the cells that they are drawn from, which a network reads sooner.
     policy = make_policy("minimap" if observation == "smm" else observation)
     arguments = {"num_envs": 3, "observation": observation, "reward": reward, "seed": 5}
-    batches = collect(MatchCollector(SCENARIO, policy, num_steps=50, **arguments), 4)
+    batches = collect(MatchCollector(SCENARIO, policy, num_steps=50, num_groups=1, **arguments), 4)
     expected = collect(RolloutCollector(make_env(SCENARIO, **arguments), policy, 50), 4)
 
     ends = torch.cat([batch["next", "done"] for batch in batches], 1)
@@ -63,7 +63,7 @@ def test_a_batch_has_the_numbers_of_single_steps(reward, observation):
 def test_groups_that_take_turns_have_the_batches_of_one(num_groups):
     policy = make_policy()
     arguments = {"num_envs": 5, "num_steps": 60, "seed": 2}
-    one = collect(MatchCollector(SCENARIO, policy, **arguments), 2)
+    one = collect(MatchCollector(SCENARIO, policy, num_groups=1, **arguments), 2)
     groups = collect(MatchCollector(SCENARIO, policy, num_groups=num_groups, **arguments), 2)
     for batch, expected in zip(groups, one, strict=True):
         assert torch.equal(batch["action"], expected["action"])

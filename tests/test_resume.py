@@ -283,7 +283,7 @@ CHANGES = {
     "total_frames": 640,
     "device": "cpu",
     "num_threads": 1,
-    "num_groups": 2,
+    "num_groups": 3,
     "collector": "ray",
     "num_workers": 2,
     "logger": ("wandb", "mlflow"),

@@ -35,7 +35,7 @@ def test_how_a_run_was_played_saved_and_evaluated_does_not_part_it(run):
     same = [
         run(seed=0), run(seed=1, device="cpu"), run(seed=2, num_threads=1),
         run(seed=3, checkpoint_interval=5), run(seed=4, eval_episodes=7, eval_untrained=True),
-        run(seed=5, collector="ray", num_workers=2), run(seed=6, num_groups=2),
+        run(seed=5, collector="ray", num_workers=2), run(seed=6, num_groups=3),
         run(seed=7, hang_timeout=1), run(seed=8, logger=("wandb",)),
     ]  # fmt: skip
     assert [len(group.runs) for group in group_runs(same)] == [len(same)]

@@ -85,7 +85,7 @@ class MatchCollector(BatchCollector):
         reward: str | ScoringReward = "analytics",
         observation: str | Transform = "simple115",
         num_threads: int | None = None,
-        num_groups: int = 1,
+        num_groups: int = 2,
         seed: int | None = None,
     ) -> None:
         self.policy = policy
@@ -128,6 +128,7 @@ class MatchCollector(BatchCollector):
 
         self._root, self._end = columns(keys, steps), columns(keys, 1)
         self._next = columns([*keys, *_RESULTS], steps)
+        self._flags = [self._next[name].numpy() for name in ("terminated", "truncated")]
         self._action = torch.zeros((num_envs, steps), dtype=torch.int64)
         self._log_prob = torch.zeros((num_envs, steps), device=self.policy.device)
         self._value = torch.zeros((num_envs, steps, 1), device=self.policy.device)
@@ -208,11 +209,10 @@ class MatchCollector(BatchCollector):
         """Computes what the policy looks at after a step."""
         before, after = group.views[step], group.views[step + 1]
         self._transform._step(before, after)
-        terminated, truncated = self._next["terminated"], self._next["truncated"]
-        done = terminated[group.rows, step] | truncated[group.rows, step]
-        if ended := [group.matches[index] for index in done.nonzero().flatten().tolist()]:
-            self._matches.begun_anew(ended)
-            kept = after.copy().set("_reset", done.unsqueeze(-1))
+        done = np.logical_or(*(flag[group.rows, step] for flag in self._flags))
+        if done.any():
+            self._matches.begun_anew(group.matches[i] for i in np.flatnonzero(done).tolist())
+            kept = after.copy().set("_reset", torch.from_numpy(done).unsqueeze(-1))
             self._transform._reset(kept, after)
         columns = self._root if step + 1 < self._num_steps else self._end
         for key in self._observed:

@@ -71,19 +71,19 @@ class CollectionPolicy(TensorDictModuleBase):
     def draw_noise(self, num_states: int) -> torch.Tensor:
         """The random numbers that sample an action in so many states, shape (num_states, actions).
 
-        They are what torch.multinomial draws for one draw from each state.
+        An action is sampled by adding independent Gumbel noise to the logits and taking the largest
+        (Gumbel 1954), which asks for no probabilities.
         """
         head = self.policy_head
-        return head.weight.new_empty((num_states, head.out_features)).exponential_()
+        return head.weight.new_empty((num_states, head.out_features)).exponential_().log_().neg_()
 
-    @torch.no_grad()
     def act(
         self,
         observation: torch.Tensor,
         noise: torch.Tensor | None,
         action_mask: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Chooses actions by tensors alone.
+        """Chooses actions by tensors alone; to be called under ``torch.no_grad()``.
 
         Args:
             observation: shape (states, ...), on any device.
@@ -101,7 +101,7 @@ class CollectionPolicy(TensorDictModuleBase):
         logits = self.policy_head(hidden, mirrored, action_mask)
         # As torch's Categorical does it, bit for bit, so that PPO's ratio starts at exactly 1.
         log_probs = logits - logits.logsumexp(-1, keepdim=True)
-        action = (log_probs if noise is None else log_probs.softmax(-1) / noise).argmax(-1)
+        action = (log_probs if noise is None else log_probs + noise).argmax(-1)
         log_prob = log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1)
         return action, log_prob, self.value_head(hidden)
 

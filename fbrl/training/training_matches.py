@@ -52,7 +52,7 @@ def make_collector(
             reward=reward,
             observation=config.observation,
             num_threads=config.num_threads,
-            num_groups=config.num_groups or 2,
+            num_groups=config.num_groups,
             seed=config.seed,
         )
 
