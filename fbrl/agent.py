@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torchrl.envs import Transform
 
 from fbrl.checkpoint import CheckpointError, load_checkpoint
 from fbrl.checks.counts import check_count
 from fbrl.config import ConfigError, TrainConfig
 from fbrl.config_json import config_from_dict
-from fbrl.envs.factory import make_reward
+from fbrl.envs.factory import make_masked_observation, make_reward
 from fbrl.models.actor_critic import ActorCritic, build_actor_critic
 from fbrl.run_files import CHECKPOINTS, DENSITY_NAME
 from fbrl.transforms import ScoringReward
@@ -43,8 +44,14 @@ def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
         activation=config.activation,  # type: ignore[arg-type]
         network=config.network,  # type: ignore[arg-type]
         is_mirrored=config.mirror,
+        is_masked=config.mask is not None,
         device=device,
     )
+
+
+def make_agent_observation(config: TrainConfig) -> Transform:
+    """What the agent of a configuration looks at, its action mask included."""
+    return make_masked_observation(config.observation, config.mask)
 
 
 def make_training_reward(config: TrainConfig, run_dir: Path | None = None) -> ScoringReward:

@@ -16,6 +16,7 @@ REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")
 OBSERVATION_NAMES = ("minimap", "smm", "simple115", "players")
 TRANSITION_NAMES = ("possession", "consecutive")
 ACTIVATION_NAMES = ("relu", "tanh")
+MASK_NAMES = ("engine", "expert")
 NETWORK_NAMES = ("mlp", "player_set")
 COLLECTOR_NAMES = ("threads", "ray")
 LOGGER_NAMES = ("wandb", "mlflow")
@@ -164,6 +165,11 @@ class TrainConfig:
     """What the agent sees: simple115 (115 numbers), players (274 numbers relative to the controlled
     player), minimap (four stacked mini maps as cell indices) or smm (the same as dense planes)."""
 
+    mask: str | None = None
+    """Which actions the agent may not choose: engine (those that the engine ignores in a state) or
+    expert (these, and what experts of this environment rule out, such as shots from afar); by
+    default it may choose any."""
+
     network: str = "mlp"
     """What reads players: mlp, a perceptron, or player_set, which treats team-mates and opponents
     as sets. The other observations have one network each."""
@@ -254,6 +260,8 @@ class TrainConfig:
         check_name("transition", self.transition, TRANSITION_NAMES)
         check_name("observation", self.observation, OBSERVATION_NAMES)
         check_name("activation", self.activation, ACTIVATION_NAMES)
+        if self.mask is not None:
+            check_name("mask", self.mask, MASK_NAMES)
         check_name("network", self.network, NETWORK_NAMES)
         if self.network == "player_set" and self.observation != "players":
             raise ConfigError(

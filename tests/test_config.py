@@ -142,6 +142,7 @@ def test_impossible_hyperparameters_are_named(changes, message):
         ({"eval_episodes": -1}, "eval_episodes is -1"),
         ({"checkpoint_interval": 0}, "checkpoint_interval is 0"),
         ({"activation": "swish"}, "no activation 'swish'"),
+        ({"mask": "engines"}, "Did you mean engine"),
         ({"network": "player_sets"}, "Did you mean player_set"),
         ({"network": "player_set"}, "the observation is simple115. Add --observation players"),
         ({"transition": "possesion"}, "Did you mean possession"),

@@ -46,7 +46,7 @@ def test_every_setting_either_parts_runs_or_does_not():
     names = {field.name for field in dataclasses.fields(TrainConfig)}
     parting = {
         "scenario", "preset", "reward", "density", "transition", "episode_cap", "observation",
-        "hidden_sizes", "activation", "collect_ahead", "ppo",
+        "mask", "network", "mirror", "hidden_sizes", "activation", "collect_ahead", "ppo",
     }  # fmt: skip
     assert names == parting | NOT_TRAINED
     assert not parting & NOT_TRAINED

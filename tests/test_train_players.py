@@ -10,10 +10,11 @@ import fbrl.cli.eval
 import fbrl.cli.train
 from fbrl.agent import load_agent
 from fbrl.collect import MatchCollector
-from fbrl.config import PPOConfig
+from fbrl.config import PPOConfig, TrainConfig
 from fbrl.models import PlayerSet, build_actor_critic
 from fbrl.ppo import PPO
 from fbrl.ppo.update import minibatches, update
+from fbrl.training import train
 from fbrl.transforms import ActionMemory, EngineActionMask, ExpertActionMask, Players
 
 CONFIG = PPOConfig(total_frames=256, num_envs=4, num_steps=32, num_minibatches=2, num_epochs=2)
@@ -78,10 +79,36 @@ def test_the_command_trains_and_evaluates_such_an_agent(run_main, tmp_path):
     run_dir = tmp_path / "run"
     sizes = ["--num-envs", 2, "--num-steps", 64, "--total-frames", 128, "--eval-episodes", 0]
     agent = ["--observation", "players", "--network", "player_set", "--mirror"]
+    agent += ["--mask", "expert"]
     arguments = ["academy_empty_goal_close", *agent, *sizes, "--run-dir", run_dir]
     run_main(fbrl.cli.train.main, *arguments)
     loaded = load_agent(run_dir)
-    assert loaded.config.mirror
+    assert (loaded.config.mirror, loaded.config.mask) == (True, "expert")
     assert isinstance(loaded.model.get_collection_policy().trunk.trunk, PlayerSet)
+    assert "action_mask" in loaded.model.get_collection_policy().in_keys
     printed = run_main(fbrl.cli.eval.main, run_dir, "--episodes", 4)
     assert "goal difference" in printed.out
+
+
+def test_no_masked_action_is_chosen_in_a_training(tmp_path):
+    config = TrainConfig(
+        "academy_3_vs_1_with_keeper",
+        mask="engine",
+        hidden_sizes=(16,),
+        eval_episodes=0,
+        run_dir=tmp_path / "run",
+        ppo=CONFIG,
+    )
+    batches = []
+    learn = PPO.learn
+
+    def learn_and_look(ppo, batch):
+        batches.append(batch.clone())
+        return learn(ppo, batch)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PPO, "learn", learn_and_look)
+        train(config)
+    for batch in batches:
+        assert (~batch["action_mask"]).sum(-1).unique().tolist() == [3]
+        assert batch["action_mask"].gather(-1, batch["action"].unsqueeze(-1)).all()

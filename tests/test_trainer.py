@@ -26,6 +26,7 @@ from fbrl.ppo.update import TrainingDivergedError
 from fbrl.run_files import CHECKPOINT_NAME
 from fbrl.training import TrainListener, run_checkpoints, train, trainer, training_matches
 from fbrl.training.training_loop import evaluation_is_due
+from fbrl.transforms import MiniMapCells
 
 SPEED = ("time/frames_per_second", "time/collect_seconds", "time/update_seconds")
 SMALL = PPOConfig(total_frames=256, num_envs=2, num_steps=32, num_minibatches=2, num_epochs=1)
@@ -86,7 +87,7 @@ def test_settings_reach_the_environment_and_the_reward(config, monkeypatch):
     assert made["scenario"] == "academy_empty_goal_close"
     assert made["reward"].transition == "consecutive"
     assert (made["num_threads"], made["num_envs"]) == (1, 2)
-    assert made["observation"] == "minimap"
+    assert isinstance(made["observation"], MiniMapCells)
 
 
 def test_the_options_of_a_reward_come_from_the_configuration(config):

@@ -14,6 +14,7 @@ from docstring_parser import parse_from_object
 from fbrl.config import (
     ACTIVATION_NAMES,
     COLLECTOR_NAMES,
+    MASK_NAMES,
     NETWORK_NAMES,
     OBSERVATION_NAMES,
     PRESET_NAMES,
@@ -30,6 +31,7 @@ _VALUES = {
     "density": "FILE|uniform|mirrored|shuffled",
     "transition": "|".join(TRANSITION_NAMES),
     "observation": "|".join(OBSERVATION_NAMES),
+    "mask": "|".join(MASK_NAMES),
     "network": "|".join(NETWORK_NAMES),
     "activation": "|".join(ACTIVATION_NAMES),
     "device": "auto|cpu|cuda|cuda:INDEX",

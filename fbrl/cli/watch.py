@@ -223,7 +223,7 @@ def _player(options: argparse.Namespace) -> dict[str, Any]:
             "observation": "simple115",
             "reward": make_reward("analytics"),
         }
-    from fbrl.agent import load_agent, make_training_reward
+    from fbrl.agent import load_agent, make_agent_observation, make_training_reward
     from fbrl.device import choose_device
 
     device = choose_device(options.device or "auto")
@@ -232,7 +232,7 @@ def _player(options: argparse.Namespace) -> dict[str, Any]:
     return {
         "policy": agent.model.get_collection_policy(),
         "scenario": options.scenario or config.scenario,
-        "observation": config.observation,
+        "observation": make_agent_observation(config),
         "reward": make_training_reward(config, agent.run_dir),
         "device": device,
     }

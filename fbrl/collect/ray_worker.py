@@ -14,7 +14,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 
-from fbrl.agent import make_model
+from fbrl.agent import make_agent_observation, make_model
 from fbrl.collect.collector import inference_threads
 from fbrl.collect.watchdog import Watchdog
 from fbrl.config import TrainConfig
@@ -97,7 +97,7 @@ class MakeMatches:
             num_envs=self.num_envs,
             num_threads=self.num_threads,
             reward=ray.get(self.reward),
-            observation=self.config.observation,
+            observation=make_agent_observation(self.config),
         )
 
 

@@ -25,6 +25,8 @@ from fbrl.transforms import (
     AssistDensityPotential,
     AssistDensityReward,
     CheckpointReward,
+    EngineActionMask,
+    ExpertActionMask,
     MiniMapCells,
     Players,
     PlayStatistics,
@@ -49,6 +51,12 @@ OBSERVATIONS: Mapping[str, Callable[[], Transform]] = {
     "players": lambda: Compose(ActionMemory(), Players()),
 }
 """The observations by name, as :func:`fbrl.models.actor_critic.build_actor_critic` knows them."""
+
+MASKS: Mapping[str, Callable[[], Transform]] = {
+    "engine": EngineActionMask,
+    "expert": ExpertActionMask,
+}
+"""The action masks by name."""
 
 EPISODE_PREFIX = "episode_"
 """``episode_reward``, ``episode_reward_scoring`` and so on: the sums over the episode so far."""
@@ -93,6 +101,23 @@ def make_observation(observation: str | Transform) -> Transform:
             f"of {', '.join(OBSERVATIONS)}."
         )
     return observation
+
+
+def make_masked_observation(observation: str, mask: str | None) -> Transform:
+    """What an agent looks at: an observation and, unless there is none, its action mask.
+
+    Args:
+        observation: A name in :data:`OBSERVATIONS`.
+        mask: A name in :data:`MASKS`.
+
+    Raises:
+        UnknownNameError: There is no such observation or mask.
+    """
+    transform = make_observation(observation)
+    if mask is None:
+        return transform
+    parts = transform if isinstance(transform, Compose) else (transform,)
+    return Compose(*(part.clone() for part in parts), MASKS[check_name("mask", mask, MASKS)]())
 
 
 def make_env(

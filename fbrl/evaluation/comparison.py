@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from fbrl.agent import load_agent, make_training_reward
+from fbrl.agent import load_agent, make_agent_observation, make_training_reward
 from fbrl.analysis.run_groups import RunGroup, group_runs
 from fbrl.analysis.run_log import (
     GOAL_DIFFERENCE,
@@ -138,7 +138,7 @@ def play(
         scenario,
         num_envs=num_envs,
         reward="analytics" if evaluated.reward is None else evaluated.reward.clone(),
-        observation="simple115" if config is None else config.observation,
+        observation="simple115" if config is None else make_agent_observation(config),
         action_set=evaluated.action_set,
         seed=fresh_seed(evaluated.config, scenario, seed),
     )

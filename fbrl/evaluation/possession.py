@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from fbrl.agent import load_agent
+from fbrl.agent import load_agent, make_agent_observation
 from fbrl.envs import make_env
 from fbrl.evaluation.evaluation import play_matches
 from fbrl.run_seeds import fresh_seed
@@ -53,7 +53,7 @@ def ball_positions(
             agent.config.scenario,
             num_envs=min(num_envs, episodes),
             reward="scoring",
-            observation=agent.config.observation,
+            observation=make_agent_observation(agent.config),
             keep_keys=_KEYS,
             seed=fresh_seed(agent.config, agent.config.scenario, seed),
         )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
+from fbrl.agent import make_agent_observation
 from fbrl.config import TrainConfig
 from fbrl.envs.factory import make_env
 from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate
@@ -117,7 +118,7 @@ class Evaluator:
                 self._config.scenario,
                 num_envs=min(NUM_PLACES, self._config.ppo.num_envs),
                 reward=self._reward.clone(),
-                observation=self._config.observation,
+                observation=make_agent_observation(self._config),
                 num_threads=self._config.num_threads,
                 keep_keys=_POSSESSION_KEYS,
             )
@@ -129,7 +130,7 @@ class Evaluator:
         (match,) = record_matches(
             model.get_collection_policy(),
             self._config.scenario,
-            observation=self._config.observation,
+            observation=make_agent_observation(self._config),
             reward=self._reward.clone(),
             episodes=1,
             seed=self._seed,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from fbrl.agent import make_agent_observation
 from fbrl.collect import AheadCollector, BatchCollector, MatchCollector
 from fbrl.config import TrainConfig
 from fbrl.models.actor_critic import CollectionPolicy
@@ -50,7 +51,7 @@ def make_collector(
             num_envs=config.ppo.num_envs,
             num_steps=config.ppo.num_steps,
             reward=reward,
-            observation=config.observation,
+            observation=make_agent_observation(config),
             num_threads=config.num_threads,
             num_groups=config.num_groups,
             seed=config.seed,
