@@ -116,6 +116,11 @@ def test_a_network_of_ones_own(run_example):
     assert words(output) == words(shown_outputs()["custom_network"])[:2]
 
 
+def test_torchrls_collectors(run_example):
+    output = run_example("torchrl_collectors", "--frames", 1024)
+    assert words(output) == words(shown_outputs()["torchrl_collectors"])[:2]
+
+
 def test_plain_gymnasium(run_example):
     output = run_example("gymnasium_match", "--matches", 2)
     assert [line.split(",")[0] for line in output.splitlines()] == [
