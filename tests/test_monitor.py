@@ -65,7 +65,7 @@ def make_batch(goals, done, length=10.0, actions=0, **play):
 
 
 def log(monitor, batch, frames=1):
-    return monitor.log_iteration(frames, batch, {"entropy": 2.0}, 1.0, 3.0)
+    return monitor.log_iteration(frames, batch, {"entropy": 2.0}, 1.0, 3.0, 1.5)
 
 
 def log_evaluation(monitor, frames, images=None):

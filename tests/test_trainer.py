@@ -28,7 +28,12 @@ from fbrl.training import TrainListener, run_checkpoints, train, trainer, traini
 from fbrl.training.training_loop import evaluation_is_due
 from fbrl.transforms import MiniMapCells
 
-SPEED = ("time/frames_per_second", "time/collect_seconds", "time/update_seconds")
+SPEED = (
+    "time/frames_per_second",
+    "time/collect_seconds",
+    "time/update_seconds",
+    "time/collect_cores",
+)
 SMALL = PPOConfig(total_frames=256, num_envs=2, num_steps=32, num_minibatches=2, num_epochs=1)
 
 

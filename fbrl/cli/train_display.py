@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shlex
 import shutil
 import sys
@@ -86,6 +87,9 @@ class TrainDisplay:
         """Shows an iteration's metrics."""
         speed = metrics["time/frames_per_second"]
         status = f"frames, {speed:,.0f} frames/s"
+        if "time/collect_cores" in metrics:
+            there = len(os.sched_getaffinity(0))
+            status += f" ({metrics['time/collect_cores']:.1f} of {there} cores play)"
         if "match/goal_difference" in metrics:
             status += f", goal difference {metrics['match/goal_difference']:+.2f}"
         total = self._config.ppo.num_batches * self._config.ppo.frames_per_batch

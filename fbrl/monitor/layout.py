@@ -54,6 +54,7 @@ def chart_layout(reward_names: tuple[str, ...]) -> Mapping[str, Mapping[str, Any
         },
         "Speed": {
             "Frames per second": _lines("time/frames_per_second"),
+            "Cores in use while playing": _lines("time/collect_cores"),
             "Seconds of an iteration": _lines("time/collect_seconds", "time/update_seconds"),
         },
     }

@@ -43,6 +43,7 @@ SCALARS: Mapping[str, str] = {
     "time/frames_per_second": "of collection and updates together, without evaluations",
     "time/collect_seconds": "of the iteration",
     "time/update_seconds": "of the iteration",
+    "time/collect_cores": "processor cores in use while matches are played, on average",
     "evaluation/goal_difference": "goals for minus goals against on fresh matches, mean",
     "evaluation/goal_difference_low": "lower end of its 95 % interval",
     "evaluation/goal_difference_high": "upper end",

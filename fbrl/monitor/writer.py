@@ -143,6 +143,7 @@ class Monitor:
         losses: Mapping[str, float],
         collect_seconds: float,
         update_seconds: float,
+        collect_cores: float,
     ) -> dict[str, float]:
         """Writes the metrics of an iteration and returns them by name.
 
@@ -154,6 +155,7 @@ class Monitor:
             losses: What :meth:`fbrl.ppo.algorithm.PPO.learn` returned.
             collect_seconds: Time that collection took.
             update_seconds: Time that learning took.
+            collect_cores: Cores that collection used, on average.
         """
         self._recent.add(batch)
         of_iteration = {
@@ -163,7 +165,8 @@ class Monitor:
             "time/collect_seconds": collect_seconds,
             "time/update_seconds": update_seconds,
         }
-        metrics = {**self._recent.means(), **of_iteration}
+        # In the events alone: tables of before have no column for it.
+        metrics = {**self._recent.means(), **of_iteration, "time/collect_cores": collect_cores}
         self._latest = metrics
         self._log_scalars(metrics, frames)
         columns = [FRAMES, *self._recent.names, *of_iteration]

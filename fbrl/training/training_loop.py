@@ -77,18 +77,19 @@ class TrainingLoop:
 
     def _train_on_a_batch(self) -> None:
         state, ppo = self.state, self.state.ppo
-        started = time.perf_counter()
+        started, computed = time.perf_counter(), time.process_time()
         with self.interrupt.allowed():
             batch = ppo.collect()
             if ppo.frames + batch.numel() < self.config.ppo.total_frames:
                 ppo.collector.begin_next()
         collected = time.perf_counter()
+        cores = (time.process_time() - computed) / (collected - started)
         with state.lock:
             losses = ppo.learn(batch)
             learned = time.perf_counter()
             self.checkpoints.keep_run_dir()
             metrics = state.monitor.log_iteration(
-                ppo.frames, batch, losses, collected - started, learned - collected
+                ppo.frames, batch, losses, collected - started, learned - collected, cores
             )
             state.begin_batch()
         self.listener.on_metrics(ppo.frames, metrics)
