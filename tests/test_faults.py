@@ -339,7 +339,8 @@ def test_a_batch_that_hangs_as_the_training_ends_is_noticed_too(config, monkeypa
 
     def sleep_in_the_second_batch(self, *arguments):
         disturbance = load_gfootball().engine.Disturbance("sleep", seconds=4)
-        self.disturb(disturbance if next(steps) == 25 else None)
+        # Two groups are sent for each of the 16 steps of a batch.
+        self.disturb(disturbance if next(steps) == 2 * (16 + 9) else None)
         return send_step(self, *arguments)
 
     monkeypatch.setattr(FootballVectorEnv, "send_step", sleep_in_the_second_batch)
