@@ -52,7 +52,7 @@ def assert_same_run(run_dir, other):
     for content in (one, two):
         del content["config"]["run_dir"]
         times = [name for name in content["monitor"]["latest"] if name.startswith("time/")]
-        assert len(times) == 3
+        assert len(times) == 4
         for name in times:
             del content["monitor"]["latest"][name]
         for state in content["matches"]:
