@@ -49,7 +49,8 @@ def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
 
 def _without_former_options(values: Mapping[str, Any]) -> dict[str, Any]:
     """Leaves out how an older fbrl ran a training; none of it decided what was learned."""
-    current = {name: values[name] for name in values if name not in ("compile", "cuda_graphs")}
+    gone = ("compile", "cuda_graphs")
+    current = {name: value for name, value in values.items() if name not in gone}
     if current.get("collector") == "processes":
         current.update(collector="threads", num_workers=None)
     return current
