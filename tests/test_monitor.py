@@ -28,6 +28,7 @@ from fbrl.envs.engine import load_gfootball
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.files.appended_file import MOST_WAITING_BYTES, AppendedFile
 from fbrl.monitor import BALL_POSITIONS, MATCHES_IN_MEAN, SCALARS, Monitor
+from fbrl.monitor.table import Table
 from fbrl.monitor.writer import FRESH_FIGURES, GOAL_DIFFERENCE_NAMES
 from fbrl.transforms import PLAY_STATISTICS
 
@@ -323,3 +324,11 @@ def test_a_clock_that_is_set_back_makes_no_time_negative(tmp_path, monkeypatch):
     walls = [event.wall_time for event in read_events(tmp_path).Scalars("ppo/entropy")]
     assert walls == sorted(walls)
     assert len(walls) == 3
+
+
+def test_a_table_of_before_keeps_its_columns(tmp_path):
+    path = tmp_path / "metrics.csv"
+    path.write_text("frames,b\n32,1.0\n")
+    table = Table(path, ["frames", "a", "b"])
+    table.append({"frames": 64, "a": 2.0, "b": 3.0})
+    assert path.read_text().split() == ["frames,b", "32,1.0", "64,3.0"]

@@ -17,12 +17,12 @@ class Table:
 
     Args:
         path: Its file; the directory exists.
-        columns: Their names.
+        columns: Their names; a table that is there already keeps those that it has.
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        self._columns = columns
-        self._file = AppendedFile(path, header=_line(columns))
+        self._columns = _header(path) or columns
+        self._file = AppendedFile(path, header=_line(self._columns))
 
     def append(self, row: Mapping[str, float]) -> None:
         """Adds a row, after the header where the file is new; what it lacks stays empty.
@@ -50,13 +50,23 @@ def drop_rows(path: Path, past: int) -> None:
     if not path.exists():
         return
     lines = path.read_bytes().splitlines(keepends=True)
-    header = _values(lines[0]) if lines else []
-    kept = [lines[0]] if header and lines[0].endswith(b"\n") and FRAMES in header else []
-    if kept:
+    header = _header(path)
+    kept = lines[:1] if header else []
+    if header:
         place = header.index(FRAMES)
         kept += [line for line in lines[1:] if _is_whole(line, len(header), place, past)]
     with atomic_write(path) as file:
         file.writelines(kept)
+
+
+def _header(path: Path) -> list[str]:
+    """The names in the first line of a table; empty where it has none."""
+    if not path.exists():
+        return []
+    with path.open("rb") as file:
+        line = file.readline()
+    names = _values(line)
+    return names if line.endswith(b"\n") and FRAMES in names else []
 
 
 def _is_whole(line: bytes, num_columns: int, place: int, past: int) -> bool:

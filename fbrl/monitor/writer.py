@@ -164,9 +164,9 @@ class Monitor:
             "time/frames_per_second": batch.numel() / (collect_seconds + update_seconds),
             "time/collect_seconds": collect_seconds,
             "time/update_seconds": update_seconds,
+            "time/collect_cores": collect_cores,
         }
-        # In the events alone: tables of before have no column for it.
-        metrics = {**self._recent.means(), **of_iteration, "time/collect_cores": collect_cores}
+        metrics = {**self._recent.means(), **of_iteration}
         self._latest = metrics
         self._log_scalars(metrics, frames)
         columns = [FRAMES, *self._recent.names, *of_iteration]
