@@ -14,6 +14,7 @@ from docstring_parser import parse_from_object
 from fbrl.config import (
     ACTIVATION_NAMES,
     COLLECTOR_NAMES,
+    LOGGER_NAMES,
     MASK_NAMES,
     NETWORK_NAMES,
     OBSERVATION_NAMES,
@@ -36,7 +37,7 @@ _VALUES = {
     "activation": "|".join(ACTIVATION_NAMES),
     "device": "auto|cpu|cuda|cuda:INDEX",
     "collector": "|".join(COLLECTOR_NAMES),
-    "logger": "[{wandb,mlflow} ...]",
+    "logger": f"[{{{','.join(LOGGER_NAMES)}}} ...]",
 }
 _VALUES_BY_TYPE = {int: "INT", float: "FLOAT", Path: "DIRECTORY"}
 

@@ -43,9 +43,11 @@ def parse_resume(program: str, arguments: Sequence[str]) -> TrainConfig:
             f"the run but {', '.join(map(_option, CHANGEABLE_ON_RESUME))}.",
         )
     changes = {name: getattr(options, name) for name in CHANGEABLE_ON_RESUME}
-    changes = {name: value for name, value in changes.items() if value is not None}
-    if "logger" in changes:
-        changes["logger"] = tuple(changes["logger"])
+    changes = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in changes.items()
+        if value is not None
+    }
     try:
         config = read_run_log(options.resume).config
         if changes.get("collector", config.collector) != config.collector:

@@ -16,13 +16,11 @@ from fbrl.collect.collector import BatchCollector, inference_threads, torch_thre
 from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.envs.episode_seeds import check_seed
 from fbrl.envs.factory import as_torchrl, make_observation, make_reward, raw_keys_of
+from fbrl.envs.matches import RESULTS
 from fbrl.envs.observation import Observation
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.transforms import PlayStatistics, ScoringReward
-
-_RESULTS = {"reward": np.float32, "terminated": np.bool_, "truncated": np.bool_}
-"""What a step leads to besides an observation."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,7 @@ class MatchCollector(BatchCollector):
         """Makes the batch, and what writes to each step of it."""
         steps, space = self._num_steps, self._matches.single_observation_space
         examples = {key: space[key].sample() for key in keys}
-        examples |= {name: np.zeros((), dtype) for name, dtype in _RESULTS.items()}
+        examples |= {name: np.zeros((), dtype) for name, dtype in RESULTS.items()}
 
         def columns(names: Sequence[str], length: int) -> dict[str, Tensor]:
             empty = {
@@ -127,7 +125,7 @@ class MatchCollector(BatchCollector):
             return empty
 
         self._root, self._end = columns(keys, steps), columns(keys, 1)
-        self._next = columns([*keys, *_RESULTS], steps)
+        self._next = columns([*keys, *RESULTS], steps)
         self._flags = [self._next[name].numpy() for name in ("terminated", "truncated")]
         self._action = torch.zeros((num_envs, steps), dtype=torch.int64)
         self._log_prob = torch.zeros((num_envs, steps), device=self.policy.device)
@@ -136,7 +134,7 @@ class MatchCollector(BatchCollector):
         def rows(columns: Mapping[str, Tensor], names: Sequence[str], step: int) -> Any:
             return self._matches.make_rows({name: columns[name].numpy()[:, step] for name in names})
 
-        self._rows = [rows(self._next, [*keys, *_RESULTS], step) for step in range(steps)]
+        self._rows = [rows(self._next, [*keys, *RESULTS], step) for step in range(steps)]
         self._next_rows = [rows(self._root, keys, step) for step in range(1, steps)]
         self._next_rows.append(rows(self._end, keys, 0))
         shares = torch.arange(num_envs).tensor_split(min(num_groups, num_envs))
@@ -220,7 +218,7 @@ class MatchCollector(BatchCollector):
 
     def _complete(self, start: TensorDict) -> TensorDictBase:
         """The batch, and what the next one begins with."""
-        results = {name: self._next[name].unsqueeze(-1) for name in _RESULTS}
+        results = {name: self._next[name].unsqueeze(-1) for name in RESULTS}
         results["done"] = results["terminated"] | results["truncated"]
         self._observe_last_states(results["done"].squeeze(-1))
         batch = TensorDict(

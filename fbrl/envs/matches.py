@@ -18,7 +18,8 @@ from fbrl.envs.engine import build_scenario
 from fbrl.envs.gfootball_import import load_gfootball
 from fbrl.envs.observation import OBSERVATION_SPACE
 
-_RESULTS = {"reward": np.float32, "terminated": np.bool_, "truncated": np.bool_}
+RESULTS = {"reward": np.float32, "terminated": np.bool_, "truncated": np.bool_}
+"""What a step leads to besides an observation."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Matches:
         spaces = {key: OBSERVATION_SPACE[key] for key in (*self._keys, *drawn_keys)}
         self.arrays: dict[str, Any] = {
             **{k: np.zeros((num_matches, *(s.shape or ())), s.dtype) for k, s in spaces.items()},
-            **{key: np.zeros(num_matches, dtype) for key, dtype in _RESULTS.items()},
+            **{key: np.zeros(num_matches, dtype) for key, dtype in RESULTS.items()},
         }
         self.make_rows = engine.Rows
         self._rows = self.make_rows(self.arrays)
@@ -103,9 +104,13 @@ class Matches:
     def begin(self, matches: Sequence[int]) -> None:
         """Has these matches begin what is prepared, up to where the game is in play."""
         batch = self.native.send_begin(matches, self._rows)
+        self.begun_anew(matches)
+        batch.wait()
+
+    def begun_anew(self, matches: Iterable[int]) -> None:
+        """Notes that these matches have gone on to the episodes that were prepared for them."""
         for match in matches:
             self.episodes[match] = self._prepared[match]
-        batch.wait()
 
     def step(self, matches: Sequence[int], actions: Sequence[int]) -> None:
         """Has these matches play 100 ms (ten physics steps), and on until the game is in play.

@@ -18,7 +18,7 @@ from fbrl.checks.names import check_name
 from fbrl.envs.arguments import check_actions, check_mask, check_options
 from fbrl.envs.engine import NUM_ACTIONS
 from fbrl.envs.episode_seeds import EpisodeSeeds, spread_seed
-from fbrl.envs.matches import Matches, MatchState
+from fbrl.envs.matches import RESULTS, Matches, MatchState
 from fbrl.envs.observation import Observation, select_space
 from fbrl.envs.rendering import DRAWN_KEYS, RENDER_METADATA, check_render_mode, draw_from_above
 from fbrl.envs.scenarios import check_scenario
@@ -145,9 +145,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         actions = check_actions(actions, self.num_envs, self._num_actions)
         self._check_none_ended(self._matches.not_running(), "step()")
         self._matches.step(range(self.num_envs), actions.tolist())
-        results = [
-            self._matches.arrays[key].copy() for key in ("reward", "terminated", "truncated")
-        ]
+        results = [self._matches.arrays[key].copy() for key in RESULTS]
         return self._matches.observe(), *results, {}
 
     def make_rows(self, arrays: Mapping[str, np.ndarray]) -> Any:
@@ -184,7 +182,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             episode = self._next_episodes[index]
             assert episode is not None
             self._episodes[index] = episode
-            self._matches.episodes[index] = episode.engine_seed, episode.number
+            self._matches.begun_anew([index])
             self._prepare_next(index)
 
     def disturb(self, disturbance: Any) -> None:

@@ -11,6 +11,7 @@ from torchrl.data import Binary, Composite
 from torchrl.envs import Transform
 
 from fbrl.envs.actions import ACTION_NAMES
+from fbrl.transforms.action_memory import KICKS
 from fbrl.transforms.ball_control import Observation
 from fbrl.transforms.raw_observation import read_fields
 
@@ -20,7 +21,6 @@ _IDLE, _LONG_PASS, _HIGH_PASS, _SHOT = (
     ACTION_NAMES.index(name) for name in ("idle", "long_pass", "high_pass", "shot")
 )
 _SLIDING, _DRIBBLE = ACTION_NAMES.index("sliding"), ACTION_NAMES.index("dribble")
-_KICKS = slice(_LONG_PASS, _SHOT + 1)
 
 
 class EngineActionMask(Transform):
@@ -173,7 +173,7 @@ class ExpertActionMask(EngineActionMask):
         held, ball = observation["sticky_actions"], observation["ball"]
         mask = _does_something(held)
         has_chance = _may_reach_ball(observation)
-        for action in (*range(_KICKS.start, _KICKS.stop), _DRIBBLE):
+        for action in (*KICKS, _DRIBBLE):
             mask[..., action] &= has_chance
         mask[..., _SLIDING] = ~has_chance & (held[..., 9] == 0)
         x, y = ball[..., 0], ball[..., 1]
