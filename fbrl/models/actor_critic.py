@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, TypeVar, get_args
+from typing import Literal, get_args
 
 import torch
 from tensordict import NestedKey
@@ -17,7 +17,7 @@ from fbrl.checks.counts import check_count
 from fbrl.models.collection_policy import CollectionPolicy
 from fbrl.models.impala import ImpalaCNN
 from fbrl.models.mirror import MIRRORED_ACTIONS, MIRRORS, MirroredTrunk
-from fbrl.models.mlp import MLP, Activation
+from fbrl.models.mlp import MLP, Activation, orthogonal
 from fbrl.models.player_set import PlayerSet
 from fbrl.models.policy_head import PolicyHead
 from fbrl.transforms.players_table import NUM_FEATURES
@@ -29,8 +29,6 @@ __all__ = [
     "ObservationName",
     "build_actor_critic",
 ]
-
-Linear = TypeVar("Linear", bound=nn.Linear)
 
 NetworkName = Literal["mlp", "player_set"]
 
@@ -76,8 +74,8 @@ class ActorCritic(ActorValueOperator):
         *,
         is_masked: bool = False,
     ) -> None:
-        policy_head = _orthogonal(PolicyHead(num_features, num_actions, device), 0.01)
-        value_head = _orthogonal(nn.Linear(num_features, 1, device=device), 1.0)
+        policy_head = orthogonal(PolicyHead(num_features, num_actions, device), 0.01)
+        value_head = orthogonal(nn.Linear(num_features, 1, device=device), 1.0)
         features = ["hidden", "mirrored"] if isinstance(trunk, MirroredTrunk) else ["hidden"]
         read_by_policy = [*features, "action_mask"] if is_masked else features
         super().__init__(
@@ -195,9 +193,3 @@ def build_actor_critic(
         device,
         is_masked=is_masked,
     )
-
-
-def _orthogonal(linear: Linear, gain: float) -> Linear:
-    nn.init.orthogonal_(linear.weight, gain)
-    nn.init.zeros_(linear.bias)
-    return linear

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 import torch
 from torch import nn
 
 from fbrl.checks.counts import check_count
 
-__all__ = ["MLP", "Activation"]
+__all__ = ["HIDDEN_GAIN", "MLP", "Activation", "orthogonal"]
 
 Activation = Literal["tanh", "relu"]
 
 _ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU}
+
+
+HIDDEN_GAIN = 2**0.5
+"""Gain of the weights of hidden layers, as in OpenAI's Baselines and CleanRL."""
+
+Linear = TypeVar("Linear", bound=nn.Linear)
+
+
+def orthogonal(linear: Linear, gain: float) -> Linear:
+    """Gives a layer orthogonal weights of a gain, and biases of zero; returns it."""
+    nn.init.orthogonal_(linear.weight, gain)
+    nn.init.zeros_(linear.bias)
+    return linear
 
 
 class MLP(nn.Sequential):
@@ -63,9 +76,7 @@ class MLP(nn.Sequential):
         layers: list[nn.Module] = []
         for num_in, num_out in pairwise([num_inputs, *hidden_sizes]):
             linear = nn.Linear(num_in, num_out, device=device)
-            nn.init.orthogonal_(linear.weight, 2**0.5)
-            nn.init.zeros_(linear.bias)
-            layers += [linear, _ACTIVATIONS[activation]()]
+            layers += [orthogonal(linear, HIDDEN_GAIN), _ACTIVATIONS[activation]()]
         super().__init__(*layers)
         self.num_inputs = num_inputs
         self.num_features = hidden_sizes[-1]

@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from fbrl.checks.counts import check_count
-from fbrl.models.mlp import MLP, Activation
+from fbrl.models.mlp import HIDDEN_GAIN, MLP, Activation, orthogonal
 from fbrl.transforms.players_table import MATES, NUM_FEATURES, NUM_MATES, NUM_OPPONENTS
 
 __all__ = ["PlayerSet"]
@@ -82,9 +82,9 @@ class _PlayerEmbedding(nn.Module):
         self, num_inputs: int, num_once: int, size: int, device: torch.device | str | None
     ) -> None:
         super().__init__()
-        self.of_player = _orthogonal(num_inputs, size, device)
-        self.of_match = _orthogonal(num_once, size, device)
-        self.embedding = _orthogonal(size, size, device)
+        self.of_player = orthogonal(nn.Linear(num_inputs, size, device=device), HIDDEN_GAIN)
+        self.of_match = orthogonal(nn.Linear(num_once, size, device=device), HIDDEN_GAIN)
+        self.embedding = orthogonal(nn.Linear(size, size, device=device), HIDDEN_GAIN)
 
     def forward(self, players: torch.Tensor, once: torch.Tensor) -> torch.Tensor:
         hidden = self.of_player(players) + self.of_match(once).unsqueeze(-2)
@@ -98,10 +98,3 @@ class _PlayerEmbedding(nn.Module):
 
 def _per_player(columns: slice, num_players: int) -> int:
     return (columns.stop - columns.start) // num_players
-
-
-def _orthogonal(num_in: int, num_out: int, device: torch.device | str | None) -> nn.Linear:
-    linear = nn.Linear(num_in, num_out, device=device)
-    nn.init.orthogonal_(linear.weight, 2**0.5)
-    nn.init.zeros_(linear.bias)
-    return linear

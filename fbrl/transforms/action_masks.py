@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import NestedKey
 from torch import Tensor
 from torchrl.data import Binary, Composite
-from torchrl.envs import Transform
 
 from fbrl.envs.actions import ACTION_NAMES
 from fbrl.transforms.action_memory import KICKS
 from fbrl.transforms.ball_control import Observation
-from fbrl.transforms.raw_observation import read_fields
+from fbrl.transforms.raw_observation import RawObservationTransform
 
 __all__ = ["EngineActionMask", "ExpertActionMask"]
 
@@ -23,7 +22,7 @@ _IDLE, _LONG_PASS, _HIGH_PASS, _SHOT = (
 _SLIDING, _DRIBBLE = ACTION_NAMES.index("sliding"), ACTION_NAMES.index("dribble")
 
 
-class EngineActionMask(Transform):
+class EngineActionMask(RawObservationTransform):
     """Mask the actions that the engine ignores: they lead to the state that idle leads to.
 
     Writes ``action_mask``, bool of shape ``(*batch, 19)``, false for
@@ -63,41 +62,10 @@ class EngineActionMask(Transform):
     """
 
     _FIELDS: tuple[str, ...] = ("sticky_actions",)
+    _OUT_KEY = "action_mask"
 
-    def __init__(
-        self,
-        in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
-    ) -> None:
-        super().__init__(
-            in_keys=list(self._FIELDS) if in_keys is None else in_keys,
-            out_keys=["action_mask"] if out_keys is None else out_keys,
-        )
-        if len(self.in_keys) != len(self._FIELDS) or len(self.out_keys) != 1:
-            raise ValueError(
-                f"{type(self).__name__}: in_keys must name {len(self._FIELDS)} keys for "
-                f"{self._FIELDS}, in this order, and out_keys one; got in_keys={self.in_keys} and "
-                f"out_keys={self.out_keys}."
-            )
-
-    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        fields = read_fields(next_tensordict, self.in_keys, self._FIELDS, type(self).__name__)
-        mask = self._mask(dict(zip(self._FIELDS, fields, strict=True)))
-        return next_tensordict.set(self.out_keys[0], mask)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
-
-    _reset_on_native_autoreset = _reset
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Masks actions in stored observations, under ``"next"`` too where they are there."""
-        self._call(tensordict)
-        if ("next", self.in_keys[0]) in tensordict.keys(include_nested=True):
-            self._call(tensordict.get("next"))
-        return tensordict
+    def _compute(self, fields: list[Tensor]) -> Tensor:
+        return self._mask(dict(zip(self._FIELDS, fields, strict=True)))
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Adds the mask to the observation."""

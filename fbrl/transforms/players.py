@@ -2,45 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
-from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Composite, Unbounded
-from torchrl.envs import Transform
 
 from fbrl.transforms.players_features import players_features
 from fbrl.transforms.players_table import NUM_FEATURES, PLAYERS_FEATURES
-from fbrl.transforms.raw_observation import read_fields
+from fbrl.transforms.raw_observation import RawObservationTransform
 
 __all__ = ["PLAYERS_FEATURES", "Players"]
 
-_FIELDS = (
-    "left_team",
-    "left_team_direction",
-    "left_team_tired_factor",
-    "left_team_active",
-    "left_team_roles",
-    "right_team",
-    "right_team_direction",
-    "right_team_tired_factor",
-    "right_team_active",
-    "right_team_roles",
-    "ball",
-    "ball_direction",
-    "active",
-    "designated",
-    "ball_owned_team",
-    "ball_owned_player",
-    "game_mode",
-    "score",
-    "steps_left",
-    "sticky_actions",
-    "action_memory",
-)
 
-
-class Players(Transform):
+class Players(RawObservationTransform):
     """The match as the controlled player sees it, in numbers of about unit size.
 
     Writes ``players``, a float32 tensor of shape ``(*batch, 274)``; each number has a name and a
@@ -75,42 +47,36 @@ class Players(Transform):
         (1.0, 1.0, 0.0)
     """
 
-    def __init__(
-        self,
-        in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
-    ) -> None:
-        super().__init__(
-            in_keys=list(_FIELDS) if in_keys is None else in_keys,
-            out_keys=["players"] if out_keys is None else out_keys,
-        )
-        if len(self.in_keys) != len(_FIELDS) or len(self.out_keys) != 1:
-            raise ValueError(
-                f"Players: in_keys must name {len(_FIELDS)} keys for {_FIELDS}, in this order, "
-                f"and out_keys one; got in_keys={self.in_keys} and out_keys={self.out_keys}."
-            )
+    _FIELDS = (
+        "left_team",
+        "left_team_direction",
+        "left_team_tired_factor",
+        "left_team_active",
+        "left_team_roles",
+        "right_team",
+        "right_team_direction",
+        "right_team_tired_factor",
+        "right_team_active",
+        "right_team_roles",
+        "ball",
+        "ball_direction",
+        "active",
+        "designated",
+        "ball_owned_team",
+        "ball_owned_player",
+        "game_mode",
+        "score",
+        "steps_left",
+        "sticky_actions",
+        "action_memory",
+    )
+    _OUT_KEY = "players"
 
-    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        fields = read_fields(next_tensordict, self.in_keys, _FIELDS, type(self).__name__)
+    def _compute(self, fields: list[torch.Tensor]) -> torch.Tensor:
         shape, device = fields[-1].shape[:-1], fields[-1].device
         arrays = [rows.numpy() for rows in _rows_of_matches(fields, shape, device)]
-        numbers = torch.from_numpy(players_features(dict(zip(_FIELDS, arrays, strict=True))))
-        vector = numbers.view(*shape, NUM_FEATURES).to(device)
-        return next_tensordict.set(self.out_keys[0], vector)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
-
-    _reset_on_native_autoreset = _reset
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Computes the vector of stored observations, under ``"next"`` too where they are there."""
-        self._call(tensordict)
-        if ("next", self.in_keys[0]) in tensordict.keys(include_nested=True):
-            self._call(tensordict.get("next"))
-        return tensordict
+        numbers = torch.from_numpy(players_features(dict(zip(self._FIELDS, arrays, strict=True))))
+        return numbers.view(*shape, NUM_FEATURES).to(device)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Adds the vector to the observation."""

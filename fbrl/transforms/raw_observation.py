@@ -2,55 +2,82 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from tensordict import NestedKey, TensorDictBase
+from torchrl.envs import Transform
 
-__all__ = ["FIELD_SHAPES", "read_fields"]
+from fbrl.envs.observation import OBSERVATION_SPACE
+
+__all__ = ["FIELD_SHAPES", "RawObservationTransform", "read_fields"]
 
 FIELD_SHAPES: dict[str, tuple[int, ...]] = {
-    "ball": (3,),
-    "ball_direction": (3,),
-    "left_team": (11, 2),
-    "left_team_direction": (11, 2),
-    "left_team_tired_factor": (11,),
-    "left_team_active": (11,),
-    "left_team_roles": (11,),
-    "right_team": (11, 2),
-    "right_team_direction": (11, 2),
-    "right_team_tired_factor": (11,),
-    "right_team_active": (11,),
-    "right_team_roles": (11,),
-    "active": (),
-    "designated": (),
-    "ball_owned_team": (),
-    "ball_owned_player": (),
-    "game_mode": (),
-    "score": (2,),
-    "steps_left": (),
-    "sticky_actions": (10,),
+    **{key: space.shape or () for key, space in OBSERVATION_SPACE.items()},
     "action_memory": (3,),
 }
 """Shape of each raw field of one match, after the batch dimensions; and of ``ActionMemory``'s."""
 
 _FLOATS = (torch.float32, torch.float64)
 _INTEGERS = (torch.int64, torch.int32, torch.int16, torch.int8)
-_INTEGER_FIELDS = {
-    "left_team_active",
-    "left_team_roles",
-    "right_team_active",
-    "right_team_roles",
-    "active",
-    "designated",
-    "ball_owned_team",
-    "ball_owned_player",
-    "game_mode",
-    "score",
-    "steps_left",
-    "sticky_actions",
-    "action_memory",
-}
+_FLOAT_FIELDS = {key for key, space in OBSERVATION_SPACE.items() if space.dtype == np.float32}
+
+
+class RawObservationTransform(Transform):
+    """Base of the transforms that compute one entry from the raw observation of a state alone.
+
+    A subclass names the fields that it reads and its usual key, and computes (:meth:`_compute`).
+
+    Args:
+        in_keys: where to find the fields, in the order of the class's.
+        out_keys: where to write the entry.
+
+    Raises:
+        ValueError: if there are more or fewer keys than these.
+    """
+
+    _FIELDS: tuple[str, ...]
+    _OUT_KEY: str
+
+    def __init__(
+        self,
+        in_keys: Sequence[NestedKey] | None = None,
+        out_keys: Sequence[NestedKey] | None = None,
+    ) -> None:
+        super().__init__(
+            in_keys=list(self._FIELDS) if in_keys is None else in_keys,
+            out_keys=[self._OUT_KEY] if out_keys is None else out_keys,
+        )
+        if len(self.in_keys) != len(self._FIELDS) or len(self.out_keys) != 1:
+            raise ValueError(
+                f"{type(self).__name__}: in_keys must name {len(self._FIELDS)} keys for "
+                f"{self._FIELDS}, in this order, and out_keys one; got in_keys={self.in_keys} and "
+                f"out_keys={self.out_keys}."
+            )
+
+    @abstractmethod
+    def _compute(self, fields: list[torch.Tensor]) -> torch.Tensor:
+        """Return the entry for the fields, in their order."""
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        fields = read_fields(next_tensordict, self.in_keys, self._FIELDS, type(self).__name__)
+        return next_tensordict.set(self.out_keys[0], self._compute(fields))
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    _reset_on_native_autoreset = _reset
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Computes it for stored observations, under ``"next"`` too where they are there."""
+        self._call(tensordict)
+        if ("next", self.in_keys[0]) in tensordict.keys(include_nested=True):
+            self._call(tensordict.get("next"))
+        return tensordict
 
 
 def read_fields(
@@ -86,7 +113,7 @@ def read_fields(
             tensor = tensor.squeeze(-1)
         elif shape != FIELD_SHAPES[field]:
             raise ValueError(_wrong_shape(tensordict, tensor, key, field, reader))
-        allowed = _INTEGERS if field in _INTEGER_FIELDS else _FLOATS
+        allowed = _FLOATS if field in _FLOAT_FIELDS else _INTEGERS
         if tensor.dtype not in allowed:
             names = " or ".join(str(dtype) for dtype in allowed)
             raise TypeError(

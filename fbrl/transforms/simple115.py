@@ -2,32 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import torch
-from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Composite, Unbounded
-from torchrl.envs import Transform
 
-from fbrl.transforms.raw_observation import read_fields
+from fbrl.transforms.raw_observation import RawObservationTransform
 
 __all__ = ["Simple115"]
 
-_FIELDS = (
-    "left_team",
-    "left_team_direction",
-    "right_team",
-    "right_team_direction",
-    "ball",
-    "ball_direction",
-    "ball_owned_team",
-    "active",
-    "game_mode",
-)
 
-
-class Simple115(Transform):
+class Simple115(RawObservationTransform):
     """The match as 115 numbers: gfootball's ``simple115v2``.
 
     Writes ``simple115``, a float32 tensor of shape ``(*batch, 115)``:
@@ -71,39 +56,21 @@ class Simple115(Transform):
         [88, 89, 90, 95, 99, 114]
     """
 
-    def __init__(
-        self,
-        in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
-    ) -> None:
-        super().__init__(
-            in_keys=list(_FIELDS) if in_keys is None else in_keys,
-            out_keys=["simple115"] if out_keys is None else out_keys,
-        )
-        if len(self.in_keys) != len(_FIELDS) or len(self.out_keys) != 1:
-            raise ValueError(
-                f"Simple115: in_keys must name {len(_FIELDS)} keys for {_FIELDS}, in this order, "
-                f"and out_keys one; got in_keys={self.in_keys} and out_keys={self.out_keys}."
-            )
+    _FIELDS = (
+        "left_team",
+        "left_team_direction",
+        "right_team",
+        "right_team_direction",
+        "ball",
+        "ball_direction",
+        "ball_owned_team",
+        "active",
+        "game_mode",
+    )
+    _OUT_KEY = "simple115"
 
-    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        fields = read_fields(next_tensordict, self.in_keys, _FIELDS, type(self).__name__)
-        next_tensordict.set(self.out_keys[0], _simple115(*fields))
-        return next_tensordict
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
-
-    _reset_on_native_autoreset = _reset
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Computes the vector of stored observations, under ``"next"`` too where they are there."""
-        self._call(tensordict)
-        if ("next", self.in_keys[0]) in tensordict.keys(include_nested=True):
-            self._call(tensordict.get("next"))
-        return tensordict
+    def _compute(self, fields: list[torch.Tensor]) -> torch.Tensor:
+        return _simple115(*fields)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Adds the vector to the observation."""
