@@ -291,8 +291,6 @@ void bind_matches(nb::module_ &module) {
              open(matches)->disturb(disturbance);
            },
            "disturbance"_a.none(), "Puts something in the place of steps, from the next one that is sent.")
-      .def("set_first_match", [](PyMatches &matches, int number) { open(matches)->set_first_match(number); },
-           "number"_a, "The number by which messages call the first match, 0 unless said.")
       .def("close", [](PyMatches &matches) {
         nb::gil_scoped_release release;
         matches.pool.reset();

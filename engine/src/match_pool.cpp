@@ -82,7 +82,6 @@ struct MatchPool::Shared {
 
   const std::string scenario;
   std::optional<Disturbance> disturbance;
-  int first_match = 0;
   std::vector<std::unique_ptr<Slot>> slots;
 
   mutable std::mutex mutex;
@@ -97,7 +96,7 @@ struct MatchPool::Shared {
 
   std::string describe(int match) const {
     const Slot &slot = *slots[match];
-    return "match " + std::to_string(first_match + match) + " of " + scenario + " (engine seed " +
+    return "match " + std::to_string(match) + " of " + scenario + " (engine seed " +
            std::to_string(slot.engine_seed) + ", episode " + std::to_string(slot.episode_number) + ")";
   }
 
@@ -340,11 +339,6 @@ std::vector<std::pair<std::uint64_t, std::string>> MatchPool::in_hand() const {
 void MatchPool::disturb(std::optional<Disturbance> disturbance) {
   const std::lock_guard lock(shared_->mutex);
   shared_->disturbance = disturbance;
-}
-
-void MatchPool::set_first_match(int number) {
-  const std::lock_guard lock(shared_->mutex);
-  shared_->first_match = number;
 }
 
 }  // namespace fbrl

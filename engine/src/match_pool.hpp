@@ -86,9 +86,6 @@ class MatchPool {
   // From the next step that is sent.
   void disturb(std::optional<Disturbance> disturbance);
 
-  // The number by which messages call the first match, where these are a part of more.
-  void set_first_match(int number);
-
  private:
   struct Shared;
   class Sending;

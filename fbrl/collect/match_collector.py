@@ -12,11 +12,12 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform, TransformedEnv
 
+from fbrl.checks.counts import check_count
 from fbrl.collect.collector import BatchCollector, inference_threads, torch_threads
 from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.envs.episode_seeds import check_seed
 from fbrl.envs.factory import as_torchrl, make_observation, make_reward, raw_keys_of
-from fbrl.envs.matches import RESULTS
+from fbrl.envs.matches import RESULTS, empty_arrays
 from fbrl.envs.observation import Observation
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.models.actor_critic import CollectionPolicy
@@ -87,7 +88,8 @@ class MatchCollector(BatchCollector):
         seed: int | None = None,
     ) -> None:
         self.policy = policy
-        self._num_steps = num_steps
+        self._num_steps = check_count("num_steps", num_steps)
+        num_groups = check_count("num_groups", num_groups)
         reward_transform = make_reward(reward)
         transform = make_observation(observation)
         keys = sorted(raw_keys_of([transform, reward_transform, PlayStatistics()]))
@@ -110,22 +112,20 @@ class MatchCollector(BatchCollector):
 
     def _lay_out(self, keys: Sequence[str], num_envs: int, num_groups: int) -> None:
         """Makes the batch, and what writes to each step of it."""
-        steps, space = self._num_steps, self._matches.single_observation_space
-        examples = {key: space[key].sample() for key in keys}
-        examples |= {name: np.zeros((), dtype) for name, dtype in RESULTS.items()}
+        steps = self._num_steps
+        space = self._matches.single_observation_space
 
-        def columns(names: Sequence[str], length: int) -> dict[str, Tensor]:
-            empty = {
-                name: torch.from_numpy(np.zeros((num_envs, length, *one.shape), one.dtype))
-                for name, one in examples.items()
-                if name in names
+        def columns(length: int) -> dict[str, Tensor]:
+            arrays = empty_arrays(space, num_envs, length)
+            observed = {
+                key: torch.zeros((num_envs, length, *spec.shape[1:]), dtype=spec.dtype)
+                for key, spec in self._observed.items()
             }
-            for name, spec in self._observed.items():
-                empty[name] = torch.zeros((num_envs, length, *spec.shape[1:]), dtype=spec.dtype)
-            return empty
+            return {key: torch.from_numpy(array) for key, array in arrays.items()} | observed
 
-        self._root, self._end = columns(keys, steps), columns(keys, 1)
-        self._next = columns([*keys, *RESULTS], steps)
+        self._root, self._next, self._end = columns(steps), columns(steps), columns(1)
+        for name in RESULTS:
+            del self._root[name], self._end[name]
         self._flags = [self._next[name].numpy() for name in ("terminated", "truncated")]
         self._action = torch.zeros((num_envs, steps), dtype=torch.int64)
         self._log_prob = torch.zeros((num_envs, steps), device=self.policy.device)

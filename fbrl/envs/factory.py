@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -116,8 +115,7 @@ def make_masked_observation(observation: str, mask: str | None) -> Transform:
     transform = make_observation(observation)
     if mask is None:
         return transform
-    parts = transform if isinstance(transform, Compose) else (transform,)
-    return Compose(*(part.clone() for part in parts), MASKS[check_name("mask", mask, MASKS)]())
+    return Compose(transform, MASKS[check_name("mask", mask, MASKS)]())
 
 
 def make_env(
@@ -192,7 +190,8 @@ def as_torchrl(matches: FootballVectorEnv) -> FootballMatches:
 
 def raw_keys_of(transforms: Iterable[Transform]) -> set[str]:
     """What the transforms read of a match's raw observation."""
-    single = itertools.chain.from_iterable(
-        transform if isinstance(transform, Compose) else [transform] for transform in transforms
-    )
-    return {key for transform in single for key in transform.in_keys} & set(OBSERVATION_SPACE)
+    keys: set[Any] = set()
+    for transform in transforms:
+        is_composed = isinstance(transform, Compose)
+        keys |= raw_keys_of(transform) if is_composed else set(transform.in_keys)
+    return keys & set(OBSERVATION_SPACE)

@@ -7,11 +7,12 @@ played through gfootball's own Python environment.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from gymnasium import Space
 
 from fbrl.checks.field_types import check_field_types
 from fbrl.envs.engine import build_scenario
@@ -43,6 +44,17 @@ class MatchState:
     previous_score_difference: int
     previous_game_mode: int
     previous_ball_owned_team: int
+
+
+def empty_arrays(spaces: Mapping[str, Space[Any]], *leading: int) -> dict[str, Any]:
+    """Arrays for matches to write to: of each observation key, and of :data:`RESULTS`.
+
+    Args:
+        spaces: Of the observation keys.
+        leading: What the arrays' shapes begin with.
+    """
+    arrays = {key: np.zeros((*leading, *(s.shape or ())), s.dtype) for key, s in spaces.items()}
+    return arrays | {key: np.zeros(leading, dtype) for key, dtype in RESULTS.items()}
 
 
 class Matches:
@@ -82,10 +94,7 @@ class Matches:
         self.native = engine.Matches(scenario, num_matches, num_threads)
         self._keys = list(keys)
         spaces = {key: OBSERVATION_SPACE[key] for key in (*self._keys, *drawn_keys)}
-        self.arrays: dict[str, Any] = {
-            **{k: np.zeros((num_matches, *(s.shape or ())), s.dtype) for k, s in spaces.items()},
-            **{key: np.zeros(num_matches, dtype) for key, dtype in RESULTS.items()},
-        }
+        self.arrays = empty_arrays(spaces, num_matches)
         self.make_rows = engine.Rows
         self._rows = self.make_rows(self.arrays)
         self.episodes = [(0, 0)] * num_matches

@@ -127,7 +127,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     @property
     def episodes(self) -> list[tuple[int, int]]:
         """Engine seed and number of each match's episode, which decide all but the actions."""
-        return [(episode.engine_seed, episode.number) for episode in self._episodes]
+        return list(self._matches.episodes)
 
     def step(
         self, actions: np.ndarray
