@@ -10,6 +10,8 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from benchmarks.measure_vectorisation import frames_per_second
+
 STEP_SECONDS, SPREAD = 0.002, 0.001
 """A step sleeps between 1 and 3 ms, as engines take."""
 
@@ -62,12 +64,7 @@ def share_of_sleeping_engines(
         steps_per_reset=STEPS_PER_RESET,
     )
     collector.disturb(sleep)
-    collector.collect()
-    frames = 0
-    started = time.perf_counter()
-    while time.perf_counter() - started < seconds:
-        frames += collector.collect().numel()
-    rate = frames / (time.perf_counter() - started)
+    rate = frames_per_second(collector.collect, seconds)
     collector.close()
     bare = cores / (STEP_SECONDS + RESET_SECONDS / STEPS_PER_RESET)
     return {"frames_per_second": rate, "share": rate / bare}

@@ -12,6 +12,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from benchmarks.measure_vectorisation import frames_per_second
+
 if TYPE_CHECKING:
     from fbrl.config import TrainConfig
 
@@ -89,14 +91,9 @@ def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> 
         observation=config.observation,
         seed=seed,
     )
-    collector.collect()
-    frames = 0
-    started = time.perf_counter()
-    while time.perf_counter() - started < seconds:
-        frames += collector.collect().numel()
-    took = time.perf_counter() - started
+    rate = frames_per_second(collector.collect, seconds)
     collector.close()
-    return {"frames_per_second": frames / took}
+    return {"frames_per_second": rate}
 
 
 def stable_baselines3_training(

@@ -57,10 +57,11 @@ def collect(
                 ours = RolloutCollector(env, policy, _STEPS_PER_BATCH)
             stack.callback(ours.close)
             collect_batch = ours.collect
-        return {"frames_per_second": _frames_per_second(collect_batch, seconds)}
+        return {"frames_per_second": frames_per_second(collect_batch, seconds)}
 
 
-def _frames_per_second(collect_batch: Callable[[], Any], seconds: float) -> float:
+def frames_per_second(collect_batch: Callable[[], Any], seconds: float) -> float:
+    """Frames that batches have in a second, after the first batch."""
     collect_batch()
     frames = 0
     started = time.perf_counter()

@@ -51,10 +51,11 @@ def drop_rows(path: Path, past: int) -> None:
         return
     lines = path.read_bytes().splitlines(keepends=True)
     header = _header(path)
-    kept = lines[:1] if header else []
+    kept = []
     if header:
         place = header.index(FRAMES)
-        kept += [line for line in lines[1:] if _is_whole(line, len(header), place, past)]
+        rows = [line for line in lines[1:] if _is_whole(line, len(header), place, past)]
+        kept = [lines[0], *rows]
     with atomic_write(path) as file:
         file.writelines(kept)
 

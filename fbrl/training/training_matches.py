@@ -57,6 +57,6 @@ def make_collector(
             seed=config.seed,
         )
 
-    return (
-        AheadCollector(in_this_process, policy) if config.collect_ahead else in_this_process(policy)
-    )
+    if not config.collect_ahead:
+        return in_this_process(policy)
+    return AheadCollector(in_this_process, policy)
