@@ -169,7 +169,7 @@ def _many_cores(scale: Scale) -> list[Contestant]:
             {
                 "cores": cores,
                 "network": network,
-                "matches_per_core": 2,
+                "matches_per_core": 4,
                 "seconds": scale.seconds,
             },
         )

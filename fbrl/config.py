@@ -197,9 +197,9 @@ class TrainConfig:
     """Where the matches are played: threads of this process, or ray, workers on the nodes of a Ray
     cluster, which wants pip install 'fbrl[ray]'."""
 
-    num_groups: int = 2
+    num_groups: int | None = None
     """Groups of matches that take turns: while the threads step one, the network looks at another.
-    """
+    By default two, from 48 matches on three."""
 
     num_workers: int | None = None
     """Ray's workers; by default one for each node. They have to divide num_envs."""

@@ -24,6 +24,9 @@ from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.transforms import PlayStatistics, ScoringReward
 
 
+_MATCHES_FOR_THREE_GROUPS = 48
+
+
 @dataclass(frozen=True)
 class _Group:
     """Matches that are stepped together, while the policy looks at those of another group.
@@ -59,7 +62,8 @@ class MatchCollector(BatchCollector):
         reward: Labels the batches.
         observation: What the policy reads.
         num_threads: Threads that step the matches.
-        num_groups: Groups that take turns; they are as large as they can be alike.
+        num_groups: Groups that take turns; they are as large as they can be alike. By default two,
+            from 48 matches on three, with which many cores wait least.
         seed: Seeds the matches.
 
     Raises:
@@ -84,12 +88,13 @@ class MatchCollector(BatchCollector):
         reward: str | ScoringReward = "analytics",
         observation: str | Transform = "simple115",
         num_threads: int | None = None,
-        num_groups: int = 2,
+        num_groups: int | None = None,
         seed: int | None = None,
     ) -> None:
         self.policy = policy
         self._num_steps = check_count("num_steps", num_steps)
-        num_groups = check_count("num_groups", num_groups)
+        if num_groups is not None:
+            check_count("num_groups", num_groups)
         reward_transform = make_reward(reward)
         transform = make_observation(observation)
         keys = sorted(raw_keys_of([transform, reward_transform, PlayStatistics()]))
@@ -110,7 +115,7 @@ class MatchCollector(BatchCollector):
         if seed is not None:
             self.set_seed(seed)
 
-    def _lay_out(self, keys: Sequence[str], num_envs: int, num_groups: int) -> None:
+    def _lay_out(self, keys: Sequence[str], num_envs: int, num_groups: int | None) -> None:
         """Makes the batch, and what writes to each step of it."""
         steps = self._num_steps
         space = self._matches.single_observation_space
@@ -137,6 +142,7 @@ class MatchCollector(BatchCollector):
         self._rows = [rows(self._next, [*keys, *RESULTS], step) for step in range(steps)]
         self._next_rows = [rows(self._root, keys, step) for step in range(1, steps)]
         self._next_rows.append(rows(self._end, keys, 0))
+        num_groups = num_groups or (2 if num_envs < _MATCHES_FOR_THREE_GROUPS else 3)
         shares = torch.arange(num_envs).tensor_split(min(num_groups, num_envs))
         self._groups = [self._make_group(share.tolist()) for share in shares]
 
