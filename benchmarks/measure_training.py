@@ -77,7 +77,7 @@ def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> 
     """
     import torch
 
-    from fbrl.agent import make_model
+    from fbrl.assembly import make_model
     from fbrl.collect import MatchCollector
     from fbrl.presets import preset_config
 

@@ -39,7 +39,7 @@ class MLPFeatures(BaseFeaturesExtractor):
     """
 
     def __init__(self, observation_space: spaces.Box) -> None:
-        network = MLP(observation_space.shape[-1], (256, 256), "relu")
+        network = MLP((observation_space.shape[-1],), (256, 256), "relu")
         super().__init__(observation_space, network.num_features)
         self.network = network
 

@@ -1,6 +1,7 @@
 """Densities fitted to coordinates of your own, and the reward that pays with them.
 
-gfootball is not needed to fit them. fbrl-train --density FILE trains on the file that is written.
+gfootball is not needed to fit them. fbrl-train --reward.density FILE trains on the file that is
+written.
 """
 
 import argparse

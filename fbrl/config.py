@@ -1,63 +1,48 @@
-"""The configuration of a training: what can be set, what it is by default, and what is allowed."""
+"""The configuration of a training: what can be set, what it is by default, and what is allowed.
+
+A field whose metadata says ``is_how`` decides where and how a training is run and watched, not what
+is learned; one that says ``may_change`` may be another one when the training goes on.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from fbrl.checks.field_types import FieldTypeError, check_field_types
-from fbrl.checks.names import check_name
+from fbrl.components import (
+    LOGGERS,
+    MASKS,
+    NETWORKS,
+    OBSERVATIONS,
+    REWARDS,
+    ConfigError,
+    Registry,
+    module_of,
+)
 from fbrl.envs.scenarios import check_scenario
 
-PRESET_NAMES = ("light", "thesis")
-REWARD_NAMES = ("analytics", "potential", "checkpoints", "scoring")
-OBSERVATION_NAMES = ("minimap", "smm", "simple115", "players")
-TRANSITION_NAMES = ("possession", "consecutive")
-ACTIVATION_NAMES = ("relu", "tanh")
-MASK_NAMES = ("engine", "expert")
-NETWORK_NAMES = ("mlp", "player_set")
-COLLECTOR_NAMES = ("threads", "ray")
-LOGGER_NAMES = ("wandb", "mlflow")
-_REWARD_OPTIONS = {
-    "density": ("analytics", "potential"),
-    "transition": ("analytics",),
-    "episode_cap": ("analytics",),
-}
-HOW_IT_IS_RUN = (
-    "device",
-    "num_threads",
-    "collector",
-    "num_groups",
-    "num_workers",
-    "logger",
-    "checkpoint_interval",
-    "checkpoint_keep_interval",
-    "eval_interval",
-    "hang_timeout",
-)
-"""What decides where and how a training is run and watched, not what is learned."""
-
-CHANGEABLE_ON_RESUME = ("total_frames", "collect_ahead", *HOW_IT_IS_RUN)
-"""What may be changed when a training goes on; all the rest decides what it is."""
-
-
-class ConfigError(ValueError):
-    """Raised for a value that no training can be run with."""
+_HOW = {"is_how": True, "may_change": True}
+_MAY_CHANGE = {"may_change": True}
 
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Hyperparameters of proximal policy optimisation (Schulman et al. 2017)."""
+    """Hyperparameters of proximal policy optimisation (Schulman et al. 2017).
 
-    total_frames: int = 1_000_000
+    The defaults were tuned on academy_3_vs_1_with_keeper: experiments/light_preset_3_vs_1.
+    """
+
+    total_frames: int = field(default=1_000_000, metadata=_MAY_CHANGE)
     """Environment steps of the whole training, over all matches."""
 
     num_envs: int = 8
     """Matches played side by side."""
 
-    num_steps: int = 512
+    num_steps: int = 256
     """Steps that each match plays between two updates."""
 
     num_minibatches: int = 8
@@ -66,10 +51,10 @@ class PPOConfig:
     minibatch_size: int | None = None
     """Frames of a minibatch; if given, it is used instead of num_minibatches."""
 
-    num_epochs: int = 2
+    num_epochs: int = 4
     """Passes over each batch."""
 
-    learning_rate: float = 3.43e-4
+    learning_rate: float = 1e-3
     """Adam's step size at the start."""
 
     anneal_learning_rate: bool = True
@@ -81,10 +66,10 @@ class PPOConfig:
     gae_lambda: float = 0.95
     """Lambda of generalised advantage estimation."""
 
-    clip_epsilon: float = 0.08
+    clip_epsilon: float = 0.2
     """The policy's probability ratio is clipped to 1 plus or minus this."""
 
-    entropy_coeff: float = 0.00155
+    entropy_coeff: float = 0.01
     """Weight of the entropy bonus."""
 
     critic_coeff: float = 0.5
@@ -134,77 +119,65 @@ class PPOConfig:
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Everything that decides how a training goes; :func:`preset_config` fills in a preset."""
+    """Everything that decides how a training goes; see :mod:`fbrl.presets` for where to begin.
+
+    What it is made of is named: by one of fbrl's names, one that an installed package adds, or
+    ``module:Class``, see :class:`fbrl.components.Registry`. Options that are not given are those of
+    the component itself.
+    """
 
     scenario: str
     """Scenario to train on, such as academy_3_vs_1_with_keeper."""
 
-    preset: str = "light"
-    """Where the defaults come from: light (simple115 and a small network, trains at the engine's
-    speed on a CPU) or thesis (mini map, IMPALA network and Table 5.1; wants a GPU)."""
-
     reward: str = "analytics"
-    """What is maximised: analytics (goals, and having the ball where real assists are made),
-    potential (the same densities as a potential, which leaves the best policy that of goals),
-    checkpoints (gfootball's ten rewards on the way to the goal) or scoring (goals alone)."""
+    """What is maximised."""
 
-    density: str | None = None
-    """For the rewards analytics and potential: file of the assist densities (see fbrl-density fit),
-    or uniform, mirrored or shuffled, the controls; by default those that fbrl ships."""
-
-    transition: str = "possession"
-    """For the analytics reward: what counts as a received pass, possession (the last controlled
-    player with the ball was another one) or consecutive (the controlled player changed in this
-    very step)."""
-
-    episode_cap: float | None = None
-    """For the analytics reward: what the densities can pay in one match at most, in goals; by
-    default there is no limit."""
+    reward_options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the reward, by their names."""
 
     observation: str = "simple115"
-    """What the agent sees: simple115 (115 numbers), players (274 numbers relative to the controlled
-    player), minimap (four stacked mini maps as cell indices) or smm (the same as dense planes)."""
+    """What the agent sees."""
+
+    observation_options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the observation."""
 
     mask: str | None = None
-    """Which actions the agent may not choose: engine (those that the engine ignores in a state) or
-    expert (these, and what experts of this environment rule out, such as shots from afar); by
-    default it may choose any."""
+    """Which actions the agent may not choose; by default it may choose any."""
 
-    network: str = "mlp"
-    """What reads players: mlp, a perceptron, or player_set, which treats team-mates and opponents
-    as sets. The other observations have one network each."""
+    mask_options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the mask."""
+
+    network: str | None = None
+    """What reads the observation; by default impala for mini maps, and mlp for vectors."""
+
+    network_options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the network."""
 
     mirror: bool = False
     """Let the network see every state with the ball in the lower half of the pitch, mirrored where
     it is in the upper one."""
 
-    hidden_sizes: tuple[int, ...] = (256, 256)
-    """Layer widths of the network that reads simple115 or players."""
-
-    activation: str = "relu"
-    """Activation of that network, relu or tanh."""
-
     seed: int = 0
     """Seeds the matches, the network and the minibatches."""
 
-    device: str = "auto"
+    device: str = field(default="auto", metadata=_HOW)
     """Where the network runs: auto (CUDA if there is one), cpu, cuda or cuda:<index>."""
 
-    num_threads: int | None = None
+    num_threads: int | None = field(default=None, metadata=_HOW)
     """Threads that play the matches; by default one for each available core."""
 
-    collector: str = "threads"
+    collector: Literal["threads", "ray"] = field(default="threads", metadata=_HOW)
     """Where the matches are played: threads of this process, or ray, workers on the nodes of a Ray
     cluster, which wants pip install 'fbrl[ray]'."""
 
-    num_groups: int | None = None
+    num_groups: int | None = field(default=None, metadata=_HOW)
     """Groups of matches that take turns: while the threads step one, the network looks at another.
     By default two, from 48 matches on three."""
 
-    num_workers: int | None = None
+    num_workers: int | None = field(default=None, metadata=_HOW)
     """Ray's workers; by default one for each node. They have to divide num_envs."""
 
-    collect_ahead: bool = False
+    collect_ahead: bool = field(default=False, metadata=_MAY_CHANGE)
     """Collect the next batch while learning from one, with the weights of one update before. For a
     GPU that learns while the cores would be idle. Such a training can't be repeated exactly."""
 
@@ -212,18 +185,18 @@ class TrainConfig:
     """New directory for logs and checkpoints; by default one below runs/ that is named after
     the scenario, the reward, the preset, the seed and the time."""
 
-    logger: tuple[str, ...] = ()
+    logger: tuple[str, ...] = field(default=(), metadata=_HOW)
     """Services that metrics are sent to as well: wandb, mlflow; wants pip install 'fbrl[wandb]' or
     'fbrl[mlflow]'. TensorBoard's events and tables are written in any case."""
 
-    checkpoint_interval: int = 100_000
+    checkpoint_interval: int = field(default=100_000, metadata=_HOW)
     """Frames between two checkpoints."""
 
-    checkpoint_keep_interval: int = 0
+    checkpoint_keep_interval: int = field(default=0, metadata=_HOW)
     """Frames between two checkpoints that are kept for good, as checkpoints/<frames>.pt; 0 for
     none."""
 
-    hang_timeout: int = 120
+    hang_timeout: int = field(default=120, metadata=_HOW)
     """Seconds that one step of a match may take before the training is saved and ended, because
     the engine hangs; 0 for any time. A step takes milliseconds."""
 
@@ -234,7 +207,7 @@ class TrainConfig:
     eval_untrained: bool = False
     """Play as many with the untrained policy first."""
 
-    eval_interval: int = 100_000
+    eval_interval: int = field(default=100_000, metadata=_HOW)
     """Frames between two evaluations during the training, each over a quarter of eval_episodes; 0
     for none. The training itself stays the same. The presets take 500,000 for the scenarios that
     last 3000 steps."""
@@ -255,25 +228,19 @@ class TrainConfig:
         """Raises :class:`ConfigError`, or ``UnknownNameError``, for an impossible value."""
         check_types(self)
         check_scenario(self.scenario)
-        check_name("preset", self.preset, PRESET_NAMES)
-        check_name("reward", self.reward, REWARD_NAMES)
-        check_name("transition", self.transition, TRANSITION_NAMES)
-        check_name("observation", self.observation, OBSERVATION_NAMES)
-        check_name("activation", self.activation, ACTIVATION_NAMES)
-        if self.mask is not None:
-            check_name("mask", self.mask, MASK_NAMES)
-        check_name("network", self.network, NETWORK_NAMES)
-        if self.network == "player_set" and self.observation != "players":
+        for _, registry, name, options in self.components():
+            registry.check(name)
+            registry.check_options(name, options)
+        if self.mask is None and self.mask_options:
+            raise ConfigError("mask_options are given, but there is no mask.")
+        if self.network == "player_set" and self.observation in ("simple115", "minimap", "smm"):
             raise ConfigError(
                 f"The network player_set reads players, and the observation is {self.observation}. "
                 "Add --observation players."
             )
-        _check(self, "hidden_sizes", min(self.hidden_sizes, default=0) >= 1, "positive widths")
-        _check(self, "hidden_sizes", len(self.hidden_sizes) <= 64, "at most 64 of them")
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
-        check_name("collector", self.collector, COLLECTOR_NAMES)
         for name in self.logger:
-            check_name("logger", name, LOGGER_NAMES)
+            LOGGERS.check(name)
         for name in ("num_threads", "num_groups", "num_workers"):
             value = getattr(self, name)
             _check(self, name, value is None or value >= 1, "at least 1")
@@ -289,17 +256,29 @@ class TrainConfig:
         _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
         for name in ("checkpoint_keep_interval", "hang_timeout", "eval_episodes", "eval_interval"):
             _check(self, name, getattr(self, name) >= 0, "at least 0")
-        cap = self.episode_cap
-        is_possible = cap is None or (math.isfinite(cap) and cap >= 0)
-        _check(self, "episode_cap", is_possible, "a number of at least 0")
-        for name, users in _REWARD_OPTIONS.items():
-            value, default = getattr(self, name), getattr(type(self), name)
-            if self.reward not in users and value != default:
-                raise ConfigError(
-                    f"{name} ({value!s:.100}) is only used by the {' or the '.join(users)} reward, "
-                    f"and the reward is {self.reward}. Leave one of the two out."
-                )
         self.ppo.check()
+
+    @property
+    def network_name(self) -> str:
+        """The network, also where none is named."""
+        if self.network is not None:
+            return self.network
+        return "impala" if self.observation in ("minimap", "smm") else "mlp"
+
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """The modules of what is named as ``module:Class``."""
+        names = [name for _, _, name, _ in self.components()]
+        found = [module_of(name) for name in (*names, *self.logger)]
+        return tuple(dict.fromkeys(module for module in found if module is not None))
+
+    def components(self) -> Iterator[tuple[str, Registry, str, Mapping[str, Any]]]:
+        """What a training is made of: kind, registry, name and options of each."""
+        yield "reward", REWARDS, self.reward, self.reward_options
+        yield "observation", OBSERVATIONS, self.observation, self.observation_options
+        if self.mask is not None:
+            yield "mask", MASKS, self.mask, self.mask_options
+        yield "network", NETWORKS, self.network_name, self.network_options
 
 
 def check_types(config: PPOConfig | TrainConfig) -> None:
@@ -313,3 +292,15 @@ def check_types(config: PPOConfig | TrainConfig) -> None:
 def _check(config: Any, name: str, holds: bool, allowed: str) -> None:
     if not holds:
         raise ConfigError(f"{name} is {getattr(config, name)!s:.100}; it must be {allowed}.")
+
+
+def _fields_that(say: str) -> tuple[str, ...]:
+    every = (*fields(PPOConfig), *fields(TrainConfig))
+    return tuple(entry.name for entry in every if entry.metadata.get(say))
+
+
+HOW_IT_IS_RUN = _fields_that("is_how")
+"""Fields of what decides where and how a training is run and watched, not what is learned."""
+
+CHANGEABLE_ON_RESUME = _fields_that("may_change")
+"""Fields that may be changed when a training goes on; all the rest decides what it is."""

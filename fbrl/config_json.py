@@ -19,12 +19,12 @@ def save_config(config: TrainConfig, path: Path) -> None:
 
 
 def config_to_dict(config: TrainConfig) -> dict[str, Any]:
-    """The configuration in the types that JSON knows."""
+    """The configuration in the types that JSON knows, with all options of what fbrl has."""
     values = dataclasses.asdict(config)
+    for kind, registry, name, options in config.components():
+        values[f"{kind}_options"] = registry.with_defaults(name, options)
     values["run_dir"] = None if config.run_dir is None else str(config.run_dir)
-    values["hidden_sizes"] = list(config.hidden_sizes)
-    values["logger"] = list(config.logger)
-    return values
+    return _map(values, tuple, list)
 
 
 def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
@@ -34,23 +34,56 @@ def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:
         ConfigError: A field is unknown or of another type, or the scenario is missing.
     """
     try:
-        values = _without_former_options(values)
+        values = _map(_without_former_options(values), list, tuple)
         ppo = PPOConfig(**values.get("ppo", {}))
         config = TrainConfig(**{**values, "ppo": ppo})
         run_dir = None if config.run_dir is None else Path(config.run_dir)
-        hidden_sizes, logger = tuple(config.hidden_sizes), tuple(config.logger)
+        options: dict[str, Any] = {
+            f"{kind}_options": registry.without_defaults(name, options)
+            for kind, registry, name, options in config.components()
+        }
     except (TypeError, AttributeError) as error:
         raise ConfigError(f"This is no configuration of a training: {error}.") from error
-    config = dataclasses.replace(config, run_dir=run_dir, hidden_sizes=hidden_sizes, logger=logger)
+    config = dataclasses.replace(config, run_dir=run_dir, **options)
     check_types(config)
     check_types(config.ppo)
+    for _, registry, name, given in config.components():
+        registry.check_options(name, given)
     return config
 
 
+def _map(value: Any, kind: type, other: type) -> Any:
+    """The same, with all lists as tuples, or the other way round."""
+    if isinstance(value, Mapping):
+        return {key: _map(entry, kind, other) for key, entry in value.items()}
+    if isinstance(value, kind):
+        return other(_map(entry, kind, other) for entry in value)  # type: ignore[attr-defined]
+    return value
+
+
+_OPTIONS_BEFORE = {
+    "density": ("reward_options", None),
+    "transition": ("reward_options", "possession"),
+    "episode_cap": ("reward_options", None),
+    "hidden_sizes": ("network_options", [256, 256]),
+    "activation": ("network_options", "relu"),
+}
+"""Where an older fbrl's fields are now, and what they were by default."""
+
+
 def _without_former_options(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Leaves out how an older fbrl ran a training; none of it decided what was learned."""
-    gone = ("compile", "cuda_graphs")
+    """What an older fbrl wrote, in today's fields.
+
+    What is left out only said how a training was run, or, ``preset``, where its values came from.
+    """
+    gone = ("compile", "cuda_graphs", "preset", *_OPTIONS_BEFORE)
     current = {name: value for name, value in values.items() if name not in gone}
     if current.get("collector") == "processes":
         current.update(collector="threads", num_workers=None)
+    if "hidden_sizes" in values and current.get("observation") in ("minimap", "smm"):
+        current["network"] = None
+    for name, (place, default) in _OPTIONS_BEFORE.items():
+        is_used = place == "reward_options" or current.get("network", "mlp") is not None
+        if name in values and values[name] != default and is_used:
+            current[place] = {**current.get(place, {}), name: values[name]}
     return current

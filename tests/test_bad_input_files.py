@@ -15,8 +15,9 @@ import pytest
 import torch
 from written_runs import write_run
 
-from fbrl.agent import load_agent, make_model
+from fbrl.agent import load_agent
 from fbrl.analysis.run_log import RunLogError, read_run_log
+from fbrl.assembly import make_model
 from fbrl.checkpoint import FORMAT_VERSION, CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.config import ConfigError
 from fbrl.config_json import config_from_dict, config_to_dict
@@ -26,11 +27,15 @@ from fbrl.monitor.table import drop_rows
 from fbrl.presets import preset_config
 from fbrl.watch.replay_file import load_replay
 
-CONFIG = dataclasses.replace(preset_config("light", "academy_corner"), hidden_sizes=(4, 3))
+CONFIG = dataclasses.replace(
+    preset_config("light", "academy_corner"), network_options={"hidden_sizes": (4, 3)}
+)
 OF_OTHER_TYPES = {
     "scenario": [None, 5, True, ["academy_corner"]],
+    "reward": [5, None, ["analytics"], {"name": "analytics"}],
+    "reward_options": [5, "a", {"density": 5}, {"density": ["uniform"]}, {"colour": 1}],
+    "network_options": [{"hidden_sizes": v} for v in (5, "64", [64, "64"], [1.5], [True], None)],
     "density": [5, True, ["uniform"]],
-    "hidden_sizes": [5, "64", [64, "64"], [1.5], [True], None],
     "seed": [0.5, "0", True, None],
     "device": [None, 0, ["cpu"]],
     "num_threads": [1.5, "2", True],
@@ -56,7 +61,12 @@ def test_a_configuration_with_a_value_of_another_type_is_refused_by_its_name(nam
     for value in OF_OTHER_TYPES[name]:
         with pytest.raises(ConfigError) as error:
             config_from_dict({**config_to_dict(CONFIG), name: value})
-        assert name in str(error.value) or "no configuration of a training" in str(error.value)
+        named = [
+            name,
+            *(value if isinstance(value, dict) else ()),
+            "no configuration of a training",
+        ]
+        assert any(part in str(error.value) for part in named)
 
 
 @pytest.mark.parametrize("name", OF_OTHER_TYPES_IN_PPO)
@@ -81,7 +91,8 @@ def agent_content(**changes):
 
 
 def with_sizes(*sizes):
-    return {**config_to_dict(CONFIG), "hidden_sizes": list(sizes)}
+    options = {"hidden_sizes": list(sizes), "activation": "relu"}
+    return {**config_to_dict(CONFIG), "network_options": options}
 
 
 CRAFTED = {
@@ -92,7 +103,7 @@ CRAFTED = {
         "weights",
     ),
     "a layer more": ({"config": with_sizes(4, 3, 3)}, "weights are not those of the network"),
-    "too many layers": ({"config": with_sizes(*[1] * 10**5)}, "at most 64 of them"),
+    "too many layers": ({"config": with_sizes(*[1] * 10**5)}, "must be 1 to 64 positive widths"),
     "layers of petabytes": ({"config": with_sizes(10**7, 10**7)}, r"shape \(4, 115\), not"),
     "no weights": ({"model": {}}, "weights are not those"),
     "weights of another type": ({"model": [1, 2]}, "CheckpointError|AttributeError"),
@@ -116,7 +127,8 @@ def test_a_whole_checkpoint_with_odd_content_is_refused_in_one_line(tmp_path, ca
 def test_the_same_checkpoint_with_its_own_content_is_loaded(tmp_path):
     save_checkpoint(tmp_path / "good.pt", **agent_content())
     agent = load_agent(tmp_path / "good.pt")
-    assert (agent.frames, agent.run_dir, agent.config.hidden_sizes) == (7, None, (4, 3))
+    assert (agent.frames, agent.run_dir) == (7, None)
+    assert agent.config.network_options == {"hidden_sizes": (4, 3)}
 
 
 def nested(depth):

@@ -209,11 +209,12 @@ def test_a_cell_beyond_the_grid_is_refused_where_it_would_be_drawn_into_another_
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (lambda: build_actor_critic(["smm"]), ValueError, "observation is"),
-        (lambda: build_actor_critic("smm", "19"), TypeError, "num_actions is '19'"),
-        (lambda: build_actor_critic("smm", num_frames=0), ValueError, "num_frames is 0"),
-        (lambda: build_actor_critic("smm", num_frames=1.5), TypeError, "num_frames is 1.5"),
-        (lambda: MLP(0), ValueError, "num_inputs is 0"),
+        (lambda: build_actor_critic(["smm"]), TypeError, "observation is"),
+        (lambda: build_actor_critic("smm", num_actions="19"), TypeError, "num_actions is '19'"),
+        (lambda: ImpalaCNN((0, 24)), ValueError, r"observation_shape\[0\] is 0"),
+        (lambda: ImpalaCNN((16, 96, 72)), ValueError, r"shape \(16, 96, 72\); .* 72, 96\)"),
+        (lambda: MLP((0,)), ValueError, r"observation_shape\[0\] is 0"),
+        (lambda: MLP((4, 24)), ValueError, r"shape \(4, 24\); the network mlp reads vectors"),
         (lambda: MLP(hidden_sizes="ab"), TypeError, "hidden_sizes is 'ab'"),
         (lambda: MLP(hidden_sizes=5), TypeError, "hidden_sizes is 5"),
         (lambda: MLP(hidden_sizes=(64, 1.5)), TypeError, r"hidden_sizes\[1\] is 1.5"),

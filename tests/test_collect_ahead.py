@@ -51,7 +51,7 @@ def test_nothing_is_collected_that_would_not_be_learned_from(tmp_path, monkeypat
     monkeypatch.setattr(AheadCollector, "begin_next", count)
     config = TrainConfig(
         SCENARIO,
-        hidden_sizes=(8,),
+        network_options={"hidden_sizes": (8,)},
         collect_ahead=True,
         eval_episodes=0,
         run_dir=tmp_path / "run",
@@ -74,7 +74,7 @@ def test_actions_are_sampled_while_a_loss_in_another_thread_asks_for_greedy_ones
 def test_such_a_training_ends_and_goes_on_like_any_other(tmp_path):
     config = TrainConfig(
         SCENARIO,
-        hidden_sizes=(16,),
+        network_options={"hidden_sizes": (16,)},
         collect_ahead=True,
         eval_episodes=2,
         eval_pictures=False,
@@ -107,7 +107,7 @@ def test_nothing_is_collected_during_an_evaluation(tmp_path, monkeypatch):
     monkeypatch.setattr(Evaluator, "play", play_later)
     config = TrainConfig(
         SCENARIO,
-        hidden_sizes=(16,),
+        network_options={"hidden_sizes": (16,)},
         collect_ahead=True,
         eval_episodes=1,
         eval_interval=512,

@@ -98,4 +98,4 @@ class TestByName:
         import dataclasses
 
         config = preset_config("light", "academy_empty_goal")
-        dataclasses.replace(config, density="mirrored").check()
+        dataclasses.replace(config, reward_options={"density": "mirrored"}).check()

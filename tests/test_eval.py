@@ -11,7 +11,8 @@ import re
 import pytest
 import torch
 
-from fbrl.agent import load_agent, make_model
+from fbrl.agent import load_agent
+from fbrl.assembly import make_model
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.cli.eval import main
 from fbrl.config import ConfigError
@@ -99,7 +100,10 @@ def test_other_scenarios_can_be_played_and_policies_without_a_network(shooter, r
 def make_run(path, seed, goals=(), **changes):
     """A run's directory with an untrained agent and, with goals, a log that has them."""
     config = dataclasses.replace(
-        preset_config("light", SCENARIO), hidden_sizes=(8,), seed=seed, **changes
+        preset_config("light", SCENARIO),
+        network_options={"hidden_sizes": (8,)},
+        seed=seed,
+        **changes,
     )
     torch.manual_seed(seed)
     model = make_model(config, torch.device("cpu"))
@@ -168,7 +172,10 @@ def test_a_single_run_has_no_seeds_to_pool(run_eval, tmp_path):
 def test_configurations_that_differ_in_more_than_the_seed_are_named_in_the_table(
     run_eval, tmp_path
 ):
-    runs = [make_run(tmp_path / "shipped", 0), make_run(tmp_path / "none", 1, density="uniform")]
+    runs = [
+        make_run(tmp_path / "shipped", 0),
+        make_run(tmp_path / "none", 1, reward_options={"density": "uniform"}),
+    ]
     run_eval(*runs, "--episodes", 2, "--json", "out.json")
     report = json.loads((tmp_path / "out.json").read_text())
     assert [row["configuration"] for row in report["results"]] == [
@@ -210,7 +217,7 @@ def test_several_checkpoints_of_one_training_give_a_table(shooter, run_eval, tmp
 
 
 def test_a_density_that_is_gone_is_noticed_before_the_first_match(tmp_path):
-    run = make_run(tmp_path / "run", 1, density=str(tmp_path / "gone.npz"))
+    run = make_run(tmp_path / "run", 1, reward_options={"density": str(tmp_path / "gone.npz")})
     with pytest.raises(ConfigError, match=r"No density file at .*gone\.npz"):
         trained(run, torch.device("cpu"))
 

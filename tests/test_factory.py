@@ -57,6 +57,7 @@ def assert_summed_per_episode(values, sums, done):
 
 
 def test_the_step_count_restarts_with_each_match():
+    torch.manual_seed(1)
     env = make_env("academy_3_vs_1_with_keeper", num_envs=2, reward="scoring", seed=0)
     data = env.rollout(200, break_when_any_done=False)["next"]
     env.close()

@@ -23,7 +23,7 @@ from compared_runs import assert_same_run, logged_steps, table
 from conftest import needs_engine
 from tensordict import TensorDict
 
-from fbrl.agent import make_model
+from fbrl.assembly import make_model
 from fbrl.checkpoint import load_checkpoint
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.config_json import config_from_dict
@@ -44,7 +44,11 @@ FRAMES = list(range(32, 257, 32))
 
 
 CONFIG = TrainConfig(
-    "academy_empty_goal", hidden_sizes=(16,), checkpoint_interval=32, eval_episodes=0, ppo=SMALL
+    "academy_empty_goal",
+    network_options={"hidden_sizes": (16,)},
+    checkpoint_interval=32,
+    eval_episodes=0,
+    ppo=SMALL,
 )
 
 
@@ -129,8 +133,9 @@ set -e
 until_there() { until grep -q "$1" out; do kill -0 $training; sleep 0.1; done; }
 mkdir disk
 mount -t tmpfs -o size=4m none disk
-"$1" academy_empty_goal --num-envs 2 --num-steps 16 --total-frames 64000 --hidden-sizes 16 \\
-    --num-minibatches 2 --checkpoint-interval 32 --eval-episodes 0 --num-threads 1 \\
+"$1" academy_empty_goal --num-envs 2 --num-steps 16 --total-frames 64000 \\
+    --network.hidden-sizes 16 --num-minibatches 2 --checkpoint-interval 32 --eval-episodes 0 \\
+    --num-threads 1 \\
     --device cpu --run-dir disk/run > out 2> err &
 training=$!
 trap 'kill -9 $training 2> /dev/null || true' EXIT
@@ -268,7 +273,7 @@ def fall_into_trap(
 
 COMMAND = [
     *("academy_empty_goal", "--num-envs", "2", "--num-steps", "32", "--num-minibatches", "2"),
-    *("--hidden-sizes", "16", "--total-frames", "768", "--eval-episodes", "0"),
+    *("--network.hidden-sizes", "16", "--total-frames", "768", "--eval-episodes", "0"),
     *("--device", "cpu", "--hang-timeout", "1", "--checkpoint-interval", "128"),
     *("--run-dir", "run"),
 ]
@@ -316,7 +321,9 @@ def test_a_hang_that_nobody_can_be_told_of_ends_the_process_after_the_update_in_
     reader, closed_pipe = os.pipe()
     os.close(reader)
     command = "academy_empty_goal --num-envs 2 --num-steps 64 --num-minibatches 8 --num-epochs 1"
-    options = "--hidden-sizes 16 --eval-episodes 0 --device cpu --hang-timeout 2 --run-dir run"
+    options = (
+        "--network.hidden-sizes 16 --eval-episodes 0 --device cpu --hang-timeout 2 --run-dir run"
+    )
     done = fall_into_trap(
         "hang",
         *command.split(),
@@ -360,7 +367,7 @@ def test_a_training_that_fails_as_it_begins_leaves_its_directory_free(config, mo
     with monkeypatch.context() as fault:
         fault.setattr(trainer, "make_collector", MagicMock(side_effect=RuntimeError("no threads")))
         with pytest.raises(RuntimeError, match="no threads"):
-            train(dataclasses.replace(config, density="uniform"))
+            train(dataclasses.replace(config, reward_options={"density": "uniform"}))
     assert (config.run_dir / "config.json").exists()
     (config.run_dir / "checkpoints").mkdir()
     (config.run_dir / "checkpoints" / "last.pt.partial").touch()

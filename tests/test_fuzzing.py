@@ -32,9 +32,10 @@ from fuzzing import (
 from watching import recorded_matches
 from written_runs import write_run
 
-from fbrl.agent import load_agent, make_model
+from fbrl.agent import load_agent
 from fbrl.analysis.results import ResultsError, read_evaluation_table, read_published
 from fbrl.analysis.run_log import RunLogError, read_run_log
+from fbrl.assembly import make_model
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.checks.names import UnknownNameError
 from fbrl.config_json import config_to_dict
@@ -72,7 +73,9 @@ class Loader:
 
 
 def training() -> dict[str, Any]:
-    config = dataclasses.replace(preset_config("light", "academy_corner"), hidden_sizes=(4, 3))
+    config = dataclasses.replace(
+        preset_config("light", "academy_corner"), network_options={"hidden_sizes": (4, 3)}
+    )
     model = make_model(config, torch.device("cpu"))
     return {"config": config_to_dict(config), "frames": 64, "model": model.state_dict()}
 

@@ -128,4 +128,4 @@ def test_what_is_seen_is_one_of_both_and_has_the_ball_in_the_lower_half(matches,
 
 def test_only_gfootballs_actions_can_be_mirrored():
     with pytest.raises(ValueError, match="num_actions is 8, but only gfootball's 19"):
-        build_actor_critic("players", 8, is_mirrored=True)
+        build_actor_critic("players", num_actions=8, is_mirrored=True)

@@ -28,7 +28,7 @@ import fbrl.models.player_set
 import fbrl.models.policy_head
 from fbrl.models import MLP, ActorCritic, ImpalaCNN, build_actor_critic
 from fbrl.models.impala import max_pool_same
-from fbrl.transforms import PLAYERS_FEATURES, Simple115, SuperMiniMap
+from fbrl.transforms import PLAYERS_FEATURES, MiniMapCells, Simple115, SuperMiniMap
 from fbrl.transforms.minimap_grid import cells_to_planes
 
 OBSERVATIONS = ("minimap", "smm", "simple115", "players")
@@ -148,7 +148,7 @@ def test_the_memory_layout_changes_neither_features_nor_gradients():
 
 @pytest.mark.parametrize("num_frames", [1, 2])
 def test_the_number_of_stacked_frames_can_be_chosen(num_frames):
-    model = build_actor_critic("minimap", num_frames=num_frames)
+    model = build_actor_critic(MiniMapCells(num_frames))
     cells = random_cells(3, frames=num_frames)
     batch = model.get_collection_policy()(TensorDict(minimap_cells=cells, batch_size=[3]))
     assert batch["state_value"].shape == (3, 1)
@@ -189,7 +189,7 @@ def test_heads_start_from_baselines_orthogonal_matrices():
 
 @pytest.mark.parametrize(("activation", "lowest"), [("tanh", -1.0), ("relu", 0.0)])
 def test_the_perceptron_has_the_layers_and_the_activation_asked_for(activation, lowest):
-    network = MLP(115, (32, 64, 8), activation)
+    network = MLP((115,), (32, 64, 8), activation)
     sizes = [module.out_features for module in network if isinstance(module, nn.Linear)]
     assert sizes == [32, 64, 8]
     features = network(100 * torch.randn(500, 115))
@@ -199,14 +199,14 @@ def test_the_perceptron_has_the_layers_and_the_activation_asked_for(activation, 
 
 
 def test_unknown_choices_are_named_with_the_known_ones():
-    with pytest.raises(ValueError, match=r"'pixels'.*'minimap', 'smm', 'simple115'"):
+    with pytest.raises(ValueError, match=r"'pixels'.*simple115, players, minimap, smm"):
         build_actor_critic("pixels")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"'gelu'.*'tanh', 'relu'"):
         MLP(activation="gelu")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"hidden_sizes is \(\)"):
         MLP(hidden_sizes=())
     with pytest.raises(ValueError, match="num_actions is 0"):
-        build_actor_critic("simple115", 0)
+        build_actor_critic("simple115", num_actions=0)
 
 
 # Actor-critic

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from fbrl.agent import make_model
+from fbrl.assembly import make_model
 from fbrl.checkpoint import CheckpointError, save_checkpoint
 from fbrl.config_json import config_to_dict
 from fbrl.evaluation.possession import ball_positions
@@ -21,7 +21,9 @@ SCENARIO = "academy_empty_goal_close"
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
     """An agent that has learned nothing yet."""
-    config = dataclasses.replace(preset_config("light", SCENARIO), hidden_sizes=(8,))
+    config = dataclasses.replace(
+        preset_config("light", SCENARIO), network_options={"hidden_sizes": (8,)}
+    )
     torch.manual_seed(0)
     model = make_model(config, torch.device("cpu"))
     path = tmp_path_factory.mktemp("run") / "checkpoint.pt"

@@ -42,7 +42,7 @@ class SharedTrunk(nn.Module):
     def __init__(self, observation_space, features_dim=64):
         super().__init__()
         self.features_dim = features_dim
-        self.trunk = MLP(observation_space.shape[0], (64, features_dim), "tanh")
+        self.trunk = MLP((observation_space.shape[0],), (64, features_dim), "tanh")
 
     def forward(self, observation):
         return self.trunk(observation)
@@ -60,7 +60,7 @@ def our_returns(seed):
     env = GymWrapper(env, categorical_action_encoding=True)
     env = TransformedEnv(env, RewardSum(in_keys=["reward"], out_keys=["episode_reward"]))
     env.set_seed(seed)
-    model = ActorCritic(MLP(4, (64, 64), "tanh"), "observation", 64, 2)
+    model = ActorCritic(MLP((4,), (64, 64), "tanh"), "observation", 64, 2)
     ended = []
     collector = RolloutCollector(env, model.get_collection_policy(), CONFIG.num_steps)
     ppo = PPO(collector, model, CONFIG)

@@ -16,11 +16,11 @@ import torch
 from conftest import REPOSITORY
 from ray.cluster_utils import Cluster
 
-from fbrl.agent import make_model, make_training_reward
 from fbrl.analysis.run_log import read_run_log
+from fbrl.assembly import make_model, make_training_reward
 from fbrl.checkpoint import load_checkpoint
-from fbrl.cli.train import main, parse
-from fbrl.cli.train_resume import parse_resume
+from fbrl.cli.train import main
+from fbrl.cli.train_options import parse_resume, parse_training
 from fbrl.collect import MatchCollector, ray_collector
 from fbrl.collect.collector import MatchWorkersError
 from fbrl.collect.ray_cluster import connected_to_ray, even_share
@@ -32,7 +32,7 @@ from fbrl.training.trainer import TrainListener, train
 
 CONFIG = TrainConfig(
     "academy_3_vs_1_with_keeper",
-    hidden_sizes=(16,),
+    network_options={"hidden_sizes": (16,)},
     device="cpu",
     collector="ray",
     num_workers=2,
@@ -248,7 +248,9 @@ def test_a_sweep_whose_trainings_fit_on_no_node_is_refused(cluster, monkeypatch)
 
 def test_workers_divide_the_matches(capsys):
     assert [even_share(8, most) for most in (1, 2, 3, 7, 8, 100)] == [1, 2, 2, 4, 8, 8]
-    assert parse(["academy_corner", "--collector", "ray"]).num_workers is None
+    assert (
+        parse_training("fbrl-train", ["academy_corner", "--collector", "ray"]).num_workers is None
+    )
     with pytest.raises(SystemExit) as ended:
         main(["academy_corner", "--collector", "ray", "--num-workers", "3"])
     assert ended.value.code == 2

@@ -19,8 +19,8 @@ from fbrl.checkpoint import load_checkpoint
 
 OPTIONS = shlex.split(
     "academy_3_vs_1_with_keeper --collector ray --num-workers 1 --num-threads 1 --num-envs 2 "
-    "--num-steps 32 --num-minibatches 2 --hidden-sizes 16 --device cpu --checkpoint-interval 64 "
-    "--eval-episodes 0 --total-frames 1000000 --run-dir run"
+    "--num-steps 32 --num-minibatches 2 --network.hidden-sizes 16 --device cpu "
+    "--checkpoint-interval 64 --eval-episodes 0 --total-frames 1000000 --run-dir run"
 )
 
 SOON = """

@@ -21,8 +21,8 @@ from compared_runs import assert_same_run, logged_steps, table
 from conftest import needs_engine
 
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
-from fbrl.cli.train import main, parse
-from fbrl.cli.train_resume import parse_resume
+from fbrl.cli.train import main
+from fbrl.cli.train_options import parse_resume, parse_training
 from fbrl.collect import MatchCollector
 from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, PPOConfig, TrainConfig
 from fbrl.config_json import config_to_dict, save_config
@@ -32,7 +32,7 @@ from fbrl.training.run_dir import RunDirLock
 PPO = PPOConfig(total_frames=768, num_envs=2, num_steps=64, num_minibatches=2, num_epochs=2)
 CONFIG = TrainConfig(
     "academy_3_vs_1_with_keeper",
-    hidden_sizes=(16,),
+    network_options={"hidden_sizes": (16,)},
     checkpoint_interval=256,
     checkpoint_keep_interval=256,
     eval_episodes=1,
@@ -48,6 +48,7 @@ CONFIGS = {
         CONFIG,
         observation="minimap",
         reward="checkpoints",
+        network_options={},
         eval_episodes=0,
         ppo=dataclasses.replace(PPO, total_frames=96, num_steps=8, num_epochs=1),
         checkpoint_keep_interval=64,
@@ -256,7 +257,7 @@ BAD_USAGE = {
     "preset": (["--preset=thesis"], "--preset can't be given"),
     "scenario": (["academy_corner"], "academy_corner can't be given"),
     "directory": (["--run-dir", "b"], "--run-dir can't be given"),
-    "number": (["--total-frames", "many"], "invalid int value: 'many'"),
+    "number": (["--total-frames", "many"], "--total-frames: invalid literal"),
     "range": (["--num-threads", "0"], "num_threads is 0"),
 }
 
@@ -341,7 +342,16 @@ def test_a_directory_without_a_run_is_named(run_program, tmp_path):
 
 COMMAND = [
     "academy_3_vs_1_with_keeper",
-    *("--num-envs", "2", "--num-steps", "32", "--num-minibatches", "2", "--hidden-sizes", "16"),
+    *(
+        "--num-envs",
+        "2",
+        "--num-steps",
+        "32",
+        "--num-minibatches",
+        "2",
+        "--network.hidden-sizes",
+        "16",
+    ),
     *("--total-frames", "1280", "--checkpoint-interval", "64", "--eval-episodes", "0"),
     *("--num-threads", "1", "--device", "cpu", "--run-dir", "run"),
 ]
@@ -390,7 +400,7 @@ def test_the_command_that_an_interrupted_run_prints_goes_on(tmp_path, run_main, 
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_again_and_again_ends_like_one_that_is_not(tmp_path):
-    whole = dataclasses.replace(parse(COMMAND), run_dir=tmp_path / "whole")
+    whole = dataclasses.replace(parse_training("fbrl-train", COMMAND), run_dir=tmp_path / "whole")
     train(whole)
     run_dir = tmp_path / "run"
     moments = random.Random(1)

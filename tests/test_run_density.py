@@ -8,8 +8,9 @@ import shutil
 import pytest
 import torch
 
-from fbrl.agent import keep_density, load_agent, make_training_reward
+from fbrl.agent import load_agent
 from fbrl.analysis.run_log import read_run_log
+from fbrl.assembly import keep_density, make_training_reward
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.density import AssistDensity, open_density
 from fbrl.evaluation.comparison import trained
@@ -22,7 +23,13 @@ PPO = PPOConfig(total_frames=16, num_envs=1, num_steps=16, num_minibatches=2, nu
 
 
 def config(run_dir, **changes):
-    chosen = {"hidden_sizes": (4,), "eval_episodes": 0, "ppo": PPO, "run_dir": run_dir, **changes}
+    chosen = {
+        "network_options": {"hidden_sizes": (4,)},
+        "eval_episodes": 0,
+        "ppo": PPO,
+        "run_dir": run_dir,
+        **changes,
+    }
     return TrainConfig("academy_empty_goal_close", **chosen)
 
 
@@ -31,7 +38,7 @@ def run(tmp_path_factory):
     """A run in another place than where it was trained, whose density file is gone."""
     folder = tmp_path_factory.mktemp("density")
     open_density("mirrored").save(folder / "mine.npz")
-    train(config(folder / "run", density=str(folder / "mine.npz")))
+    train(config(folder / "run", reward_options={"density": str(folder / "mine.npz")}))
     (folder / "mine.npz").unlink()
     return (folder / "run").rename(folder / "moved")
 

@@ -45,8 +45,8 @@ def test_every_setting_either_parts_runs_or_does_not():
     """A new field of the configuration has to be put on one of the sides."""
     names = {field.name for field in dataclasses.fields(TrainConfig)}
     parting = {
-        "scenario", "preset", "reward", "density", "transition", "episode_cap", "observation",
-        "mask", "network", "mirror", "hidden_sizes", "activation", "collect_ahead", "ppo",
+        "scenario", "reward", "reward_options", "observation", "observation_options", "mask",
+        "mask_options", "network", "network_options", "mirror", "collect_ahead", "ppo",
     }  # fmt: skip
     assert names == parting | NOT_TRAINED
     assert not parting & NOT_TRAINED
@@ -56,11 +56,11 @@ def test_every_setting_either_parts_runs_or_does_not():
     "change",
     [
         {"reward": "scoring"},
-        {"density": "uniform"},
-        {"transition": "consecutive"},
+        {"reward_options": {"density": "uniform"}},
+        {"reward_options": {"transition": "consecutive"}},
         {"observation": "minimap"},
-        {"hidden_sizes": (64,)},
-        {"activation": "tanh"},
+        {"network_options": {"hidden_sizes": (64,)}},
+        {"network_options": {"activation": "tanh"}},
         {"scenario": "academy_corner"},
         {"ppo": {"learning_rate": 0.5}},
         {"ppo": {"total_frames": 5}},
@@ -72,10 +72,13 @@ def test_what_is_learned_and_how_parts_runs(run, change):
 
 def test_a_label_has_what_differs(run):
     assert labels(run(), run(reward="scoring")) == ["analytics", "scoring"]
-    assert labels(run(), run(density="uniform")) == ["density as shipped", "density uniform"]
-    assert labels(run(ppo={"gamma": 0.9}), run(hidden_sizes=(8, 4))) == [
-        "hidden_sizes 256 256, gamma 0.9",
-        "hidden_sizes 8 4, gamma 0.993",
+    assert labels(run(), run(reward_options={"density": "uniform"})) == [
+        "density as shipped",
+        "reward.density uniform",
+    ]
+    assert labels(run(ppo={"gamma": 0.9}), run(network_options={"hidden_sizes": (8, 4)})) == [
+        "network.hidden_sizes 256 256, gamma 0.9",
+        "network.hidden_sizes 8 4, gamma 0.993",
     ]
 
 

@@ -21,7 +21,11 @@ PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
 def test_a_training_listens_nowhere(tmp_path):
     ppo = PPOConfig(total_frames=32, num_envs=2, num_steps=16, num_minibatches=2, num_epochs=1)
     config = TrainConfig(
-        "academy_empty_goal_close", hidden_sizes=(4,), eval_episodes=0, ppo=ppo, run_dir=tmp_path
+        "academy_empty_goal_close",
+        network_options={"hidden_sizes": (4,)},
+        eval_episodes=0,
+        ppo=ppo,
+        run_dir=tmp_path,
     )
     listening = []
 

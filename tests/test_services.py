@@ -12,9 +12,10 @@ from test_monitor import PARTS, log, log_evaluation, make_batch
 from fbrl.checkpoint import CheckpointError
 from fbrl.checks.extras import MissingExtraError
 from fbrl.checks.names import UnknownNameError
+from fbrl.components import LOGGERS
 from fbrl.config import TrainConfig
 from fbrl.monitor import Monitor
-from fbrl.monitor.services import SERVICES, Service, ServiceError, open_service
+from fbrl.monitor.services import Service, ServiceError, open_service
 
 CONFIG = TrainConfig("academy_corner")
 BATCH = make_batch([[1]], [[True]])
@@ -46,7 +47,7 @@ class Recorder:
 @pytest.fixture
 def recorder(monkeypatch):
     recorder = Recorder()
-    monkeypatch.setattr("fbrl.monitor.services.SERVICES", {"record": recorder.open})
+    monkeypatch.setattr(LOGGERS, "load", {"record": recorder.open}.__getitem__)
     return recorder
 
 
@@ -118,14 +119,15 @@ def test_what_can_not_be_opened_is_named(monkeypatch, tmp_path):
     def refuse(run_dir, run_id):
         raise RuntimeError("no login")
 
-    monkeypatch.setitem(SERVICES, "wandb", refuse)
-    with pytest.raises(ServiceError, match=r"wandb can't be logged to \(no login\)"):
-        open_service("wandb", tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(LOGGERS, "load", {"wandb": refuse}.__getitem__)
+        with pytest.raises(ServiceError, match=r"wandb can't be logged to \(no login\)"):
+            open_service("wandb", tmp_path)
     with pytest.raises(UnknownNameError, match=r"no logger 'wandbd'.*mean wandb"):
         open_service("wandbd", tmp_path)
 
 
-@pytest.mark.parametrize("name", SERVICES)
+@pytest.mark.parametrize("name", LOGGERS.built_in)
 def test_without_its_package_the_extra_is_named(monkeypatch, tmp_path, name):
     monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingExtraError, match=rf"pip install 'fbrl\[{name}\]'"):

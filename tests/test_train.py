@@ -20,7 +20,7 @@ import torch
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from fbrl.agent import make_model
+from fbrl.assembly import make_model
 from fbrl.checkpoint import load_checkpoint
 from fbrl.cli.train import main
 from fbrl.cli.train_display import TrainDisplay
@@ -246,18 +246,24 @@ BAD_USAGE = {
         "eval_interval is -1; it must be at",
     ),
     "no such device": ([SCENARIO, "--device", "tpu"], "'tpu'"),
-    "no such density": ([SCENARIO, "--density", "nowhere.npz"], "nowhere.npz"),
-    "negative cap": ([SCENARIO, "--episode-cap", "-1"], "episode_cap is -1.0; it must be a number"),
+    "no such density": ([SCENARIO, "--reward.density", "nowhere.npz"], "nowhere.npz"),
+    "negative cap": (
+        [SCENARIO, "--reward.episode-cap", "-1"],
+        "episode_cap is -1.0; it must be a number",
+    ),
     "useless cap": (
-        [SCENARIO, "--reward", "potential", "--episode-cap", "1"],
-        "episode_cap (1.0) is only used by the analytics reward",
+        [SCENARIO, "--reward", "potential", "--reward.episode-cap", "1"],
+        "Unrecognized options: --reward.episode-cap",
     ),
     "useless transition": (
-        [SCENARIO, "--reward", "scoring", "--transition", "consecutive"],
-        "transition (consecutive) is only used by the analytics reward",
+        [SCENARIO, "--reward", "scoring", "--reward.transition", "consecutive"],
+        "Unrecognized options: --reward.transition",
     ),
     "one argument too many": ([SCENARIO, "again"], "Unrecognized options: again"),
-    "useless density": ([SCENARIO, "--reward", "scoring", "--density", "a"], "or the potential"),
+    "useless density": (
+        [SCENARIO, "--reward", "scoring", "--reward.density", "a"],
+        "Unrecognized options: --reward.density",
+    ),
 }
 
 
@@ -319,9 +325,11 @@ def test_help_names_every_option_with_its_values_and_its_default(run_program):
     assert done.returncode == 0
     text = " ".join(done.stdout.replace("\u2502", " ").split())
     for field in (*dataclasses.fields(TrainConfig), *dataclasses.fields(PPOConfig)):
-        if field.name not in ("scenario", "ppo"):
+        if field.name not in ("scenario", "ppo") and not field.name.endswith("_options"):
             assert f"--{field.name.replace('_', '-')}" in text
-    assert "--reward analytics|potential|checkpoints|scoring" in text
+    assert "--reward analytics|potential|checkpoints|scoring|MODULE:CLASS" in text
+    assert "--reward.transition possession|consecutive" in text
+    assert "--network.hidden-sizes" in text
     assert "(default: 0.2)" in text
     assert "{None}" not in text
     thesis = run_program("fbrl-train", "11_vs_11_easy_stochastic", "--preset", "thesis", "--help")

@@ -94,7 +94,7 @@ def test_no_masked_action_is_chosen_in_a_training(tmp_path):
     config = TrainConfig(
         "academy_3_vs_1_with_keeper",
         mask="engine",
-        hidden_sizes=(16,),
+        network_options={"hidden_sizes": (16,)},
         eval_episodes=0,
         run_dir=tmp_path / "run",
         ppo=CONFIG,

@@ -14,17 +14,18 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from fbrl.agent import make_model, make_training_reward
+from fbrl import assembly
 from fbrl.analysis.run_log import read_run_log
+from fbrl.assembly import make_model, make_training_reward
 from fbrl.checkpoint import load_checkpoint
-from fbrl.cli.train import parse
+from fbrl.cli.train_options import parse_training
 from fbrl.collect import MatchCollector
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.run_files import CHECKPOINT_NAME
-from fbrl.training import TrainListener, run_checkpoints, train, trainer, training_matches
+from fbrl.training import TrainListener, run_checkpoints, train, trainer
 from fbrl.training.training_loop import evaluation_is_due
 from fbrl.transforms import MiniMapCells
 
@@ -45,10 +46,12 @@ def config(tmp_path):
 
 
 def test_the_command_line_fills_in_the_row_of_the_table_that_the_scenario_has():
-    academy = parse(["academy_counterattack_hard", "--preset", "thesis"])
+    academy = parse_training("fbrl-train", ["academy_counterattack_hard", "--preset", "thesis"])
     assert (academy.ppo.num_steps, academy.ppo.num_minibatches) == (512, 8)
     assert (academy.ppo.total_frames, academy.eval_episodes) == (1_000_000, 200)
-    full = parse(["--preset=thesis", "11_vs_11_easy_stochastic", "--num-epochs", "3"])
+    full = parse_training(
+        "fbrl-train", ["--preset=thesis", "11_vs_11_easy_stochastic", "--num-epochs", "3"]
+    )
     assert (full.ppo.num_steps, full.ppo.num_minibatches) == (1024, 64)
     assert (full.ppo.total_frames, full.ppo.num_epochs) == (5_000_000, 3)
     assert full.observation == "minimap"
@@ -58,19 +61,21 @@ def test_the_command_line_fills_in_the_row_of_the_table_that_the_scenario_has():
 
 def test_options_reach_the_configuration():
     line = (
-        "academy_corner --gamma 0.9 --hidden-sizes 32 16 --reward scoring --num-threads 1 "
+        "academy_corner --gamma 0.9 --network.hidden-sizes 32 16 --reward scoring --num-threads 1 "
         "--no-anneal-learning-rate --minibatch-size 100"
     )
-    config = parse(line.split())
+    config = parse_training("fbrl-train", line.split())
     assert config.ppo.gamma == 0.9
-    assert config.hidden_sizes == (32, 16)
+    assert config.network_options == {"hidden_sizes": (32, 16)}
     assert (config.reward, config.num_threads) == ("scoring", 1)
     assert not config.ppo.anneal_learning_rate
     assert config.ppo.frames_per_minibatch == 100
 
 
 def test_the_network_is_the_one_that_was_asked_for(config):
-    config = dataclasses.replace(config, hidden_sizes=(32, 16), activation="tanh")
+    config = dataclasses.replace(
+        config, network_options={"hidden_sizes": (32, 16), "activation": "tanh"}
+    )
     trunk = make_model(config, torch.device("cpu")).get_collection_policy().trunk
     assert [m.out_features for m in trunk if isinstance(m, torch.nn.Linear)] == [32, 16]
     assert any(isinstance(module, torch.nn.Tanh) for module in trunk)
@@ -84,9 +89,13 @@ def test_settings_reach_the_environment_and_the_reward(config, monkeypatch):
             made.update(options, scenario=scenario)
             super().__init__(scenario, policy, **options)
 
-    monkeypatch.setattr(training_matches, "MatchCollector", RecordingCollector)
+    monkeypatch.setattr(assembly, "MatchCollector", RecordingCollector)
     config = dataclasses.replace(
-        config, transition="consecutive", num_threads=1, observation="minimap", eval_episodes=0
+        config,
+        reward_options={"transition": "consecutive"},
+        num_threads=1,
+        observation="minimap",
+        eval_episodes=0,
     )
     train(config)
     assert made["scenario"] == "academy_empty_goal_close"
@@ -97,11 +106,13 @@ def test_settings_reach_the_environment_and_the_reward(config, monkeypatch):
 
 def test_the_options_of_a_reward_come_from_the_configuration(config):
     ppo = dataclasses.replace(config.ppo, gamma=0.875)
-    potential = dataclasses.replace(config, reward="potential", density="uniform", ppo=ppo)
+    potential = dataclasses.replace(
+        config, reward="potential", reward_options={"density": "uniform"}, ppo=ppo
+    )
     transform = make_training_reward(potential)
     assert transform.gamma == 0.875, "the discount that the agent is trained with"
     assert transform.density.end.grid.min() == 1, "the uniform density"
-    capped = make_training_reward(dataclasses.replace(config, episode_cap=0.25))
+    capped = make_training_reward(dataclasses.replace(config, reward_options={"episode_cap": 0.25}))
     assert (capped.episode_cap, capped.transition) == (0.25, "possession")
 
 
@@ -288,5 +299,5 @@ def test_a_signal_during_the_evaluation_ends_it_after_the_checkpoint(config):
 def test_a_bad_density_is_answered_before_anything_is_made(config, tmp_path):
     (tmp_path / "bad.npz").write_bytes(b"no density")
     with pytest.raises(ConfigError, match=r"bad\.npz"):
-        train(dataclasses.replace(config, density=str(tmp_path / "bad.npz")))
+        train(dataclasses.replace(config, reward_options={"density": str(tmp_path / "bad.npz")}))
     assert not config.run_dir.exists()

@@ -18,7 +18,7 @@ from fbrl.ppo.update import TrainingDivergedError, minibatches, update
 
 def make_ppo(**changes):
     torch.manual_seed(0)
-    model = ActorCritic(MLP(3, (8,), "tanh"), "observation", 8, 4)
+    model = ActorCritic(MLP((3,), (8,), "tanh"), "observation", 8, 4)
     with torch.no_grad():
         model.get_collection_policy().policy_head.weight.mul_(100)
     return PPO(None, model, PPOConfig(**changes))

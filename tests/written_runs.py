@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from fbrl.agent import make_model
+from fbrl.assembly import make_model
 from fbrl.checkpoint import save_checkpoint
 from fbrl.config_json import config_to_dict, save_config
 from fbrl.envs.actions import ACTION_NAMES
@@ -59,7 +59,9 @@ def write_run(
 def write_shooter(run_dir: Path) -> Path:
     """Writes a run of one checkpoint, whose agent nearly always shoots."""
     config = dataclasses.replace(
-        preset_config("light", "academy_empty_goal_close"), hidden_sizes=(8,), seed=4
+        preset_config("light", "academy_empty_goal_close"),
+        network_options={"hidden_sizes": (8,)},
+        seed=4,
     )
     model = make_model(config, torch.device("cpu"))
     with torch.no_grad():

@@ -27,7 +27,7 @@ from fbrl.run_files import CHECKPOINT_NAME
 CHECKPOINT_INTERVAL = 256
 TRAINING = [
     *("academy_3_vs_1_with_keeper", "--num-envs", "2", "--num-steps", "32"),
-    *("--num-minibatches", "2", "--hidden-sizes", "16", "--eval-episodes", "4"),
+    *("--num-minibatches", "2", "--network.hidden-sizes", "16", "--eval-episodes", "4"),
     *("--eval-interval", "4096", "--no-eval-pictures", "--num-threads", "1", "--device", "cpu"),
     *("--checkpoint-interval", str(CHECKPOINT_INTERVAL)),
 ]

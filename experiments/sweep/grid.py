@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from fbrl.analysis.run_log import RunLogError, read_run_log
-from fbrl.cli.train import parse as parse_training
+from fbrl.cli.train_options import parse_training
 from fbrl.config import ConfigError, TrainConfig
 
 OWN_OPTIONS = ("run-dir", "num-threads")
@@ -99,7 +99,7 @@ def read_grid(path: Path, runs: Path) -> list[Point]:
         chosen = dict(zip(lists, values, strict=True))
         run_dir = runs / directory_name({name: chosen[name] for name in varied})
         arguments = training_arguments(chosen)
-        config = parse_training([*arguments, "--run-dir", str(run_dir)])
+        config = parse_training("fbrl-train", [*arguments, "--run-dir", str(run_dir)])
         points.append(Point(run_dir, arguments, config))
     if not points:
         raise ValueError(f"{path} has an empty list, so no training at all.")

@@ -11,7 +11,7 @@ from pathlib import Path
 from fbrl.analysis.run_groups import RunGroup
 from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until
 from fbrl.checks.names import UnknownNameError, check_name
-from fbrl.config import REWARD_NAMES
+from fbrl.components import REWARDS
 from fbrl.envs.scenarios import check_scenario
 from fbrl.run_files import EVALUATIONS_NAME
 
@@ -136,7 +136,7 @@ def read_published(path: Path, measure: str) -> list[Published]:
     rows = _read_rows(path, ("reward", "value"))
     for row in rows:
         try:
-            check_name("reward", row["reward"], REWARD_NAMES)
+            REWARDS.check(row["reward"])
             check_name("measure", row.get("measure", measure), MEASURES)
         except UnknownNameError as error:
             raise UnknownNameError(f"{path}: {error}") from error

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from fbrl.analysis.run_log import RunLog
+from fbrl.components import COMPONENTS
 from fbrl.config import HOW_IT_IS_RUN, TrainConfig
 from fbrl.config_json import config_to_dict
-from fbrl.presets import preset_config
+from fbrl.presets import nearest_preset, preset_config
 
 NOT_TRAINED = frozenset(
     {"seed", "run_dir", "eval_episodes", "eval_untrained", "eval_pictures", *HOW_IT_IS_RUN}
@@ -83,9 +84,16 @@ def single_runs(runs: Iterable[RunLog]) -> list[RunGroup]:
 
 def _settings(config: TrainConfig) -> dict[str, Any]:
     values = config_to_dict(config)
-    values["hidden_sizes"] = tuple(values["hidden_sizes"])
-    values |= values.pop("ppo")
-    return {name: value for name, value in values.items() if name not in NOT_TRAINED}
+    ppo = values.pop("ppo")
+    for kind in COMPONENTS:
+        options = values.pop(f"{kind}_options")
+        values |= {f"{kind}.{name}": value for name, value in options.items()}
+    learned = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in {**values, **ppo}.items()
+        if name not in NOT_TRAINED
+    }
+    return {"preset": nearest_preset(config), **learned}
 
 
 def _check_seeds(group: Sequence[RunLog]) -> None:
@@ -100,15 +108,14 @@ def _check_seeds(group: Sequence[RunLog]) -> None:
 
 
 def _names(keys: Sequence[Settings]) -> list[str]:
-    if not keys:
-        return []
-    first = ["reward", "preset"]
-    return [*first, *(name for name in keys[0] if name not in [*first, "scenario"])]
+    every = dict.fromkeys(["reward", "preset", *(name for key in keys for name in key)])
+    return [name for name in every if name != "scenario"]
 
 
 def _tells_apart(name: str, keys: Sequence[Settings]) -> bool:
     for scenario in dict.fromkeys(key["scenario"] for key in keys):
-        same = [key for key in keys if key["scenario"] == scenario]
+        # Options of a component tell those apart that have it.
+        same = [key for key in keys if key["scenario"] == scenario and name in key]
         differs = len({key[name] for key in same}) > 1
         by_nature = name in ("preset", "frames")
         if differs and (by_nature or any(key[name] != _default(name, key) for key in same)):
@@ -117,19 +124,19 @@ def _tells_apart(name: str, keys: Sequence[Settings]) -> bool:
 
 
 def _default(name: str, key: Settings) -> Any:
-    return _settings(preset_config(key["preset"], key["scenario"]))[name]
+    return _settings(preset_config(key["preset"], key["scenario"])).get(name)
 
 
 def _label(key: Settings, shown: Sequence[str]) -> str:
     if not shown:
         return f"{key['reward']} reward, preset {key['preset']}"
-    return ", ".join(_part(name, key[name]) for name in shown)
+    return ", ".join(_part(name, key[name]) for name in shown if name in key)
 
 
 def _part(name: str, value: Any) -> str:
     if name == "reward":
         return str(value)
-    if name == "density" and value is None:
+    if name == "reward.density" and value is None:
         return "density as shipped"
     if isinstance(value, tuple):
         value = " ".join(map(str, value))

@@ -5,8 +5,32 @@ from __future__ import annotations
 import argparse
 import math
 
+from fbrl.components import ConfigError, import_modules
+
+IMPORT_HELP = "import this module, whose classes a run names; may be repeated"
+
 DEFAULT_TOLERANCE = 0.1
 """How far below a threshold still counts as kept."""
+
+
+def add_import(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--import``, which imports a module as soon as it is read."""
+    parser.add_argument(
+        "--import",
+        dest="modules",
+        action="append",
+        type=_imported,
+        metavar="MODULE",
+        help=IMPORT_HELP,
+    )
+
+
+def _imported(name: str) -> str:
+    try:
+        import_modules([name])
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return name
 
 
 def positive_integer(text: str) -> int:

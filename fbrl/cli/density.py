@@ -27,7 +27,8 @@ DEFAULT_OUT = Path("assist_density.npz")
 
 _DESCRIPTION = """\
 Densities of where passes that led to goals start and end: fit them to StatsBomb's open data, to
-local event files or to a table, look at them, and train on them with fbrl-train --density FILE."""
+local event files or to a table, look at them, and train on them with
+fbrl-train --reward.density FILE."""
 
 _FIT = """\
 Fit a pair of densities and write them to one file. Examples:

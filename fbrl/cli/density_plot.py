@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
-from fbrl.cli.arguments import positive_integer, seed
+from fbrl.cli.arguments import add_import, positive_integer, seed
 from fbrl.cli.density_common import DENSITY_PROGRAM, add_density, print_counts
 from fbrl.cli.density_options import add_pass_options, pass_filter
 from fbrl.cli.density_source import read_passes
@@ -68,6 +68,7 @@ def add_plot(commands: Any) -> None:
         default=100,
         help="matches to play, rounded up to 2 for each of 8 at a time (default: %(default)s)",
     )
+    add_import(agent)
     agent.add_argument("--seed", type=seed, default=0, help="of the matches (default: %(default)s)")
     agent.add_argument("--save-positions", type=Path, help="keep what --run saw in such a table")
     agent.add_argument("--title", help="what to write above the agent's picture")

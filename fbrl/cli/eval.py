@@ -19,6 +19,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.arguments import (
     DEFAULT_TOLERANCE,
+    add_import,
     finite_number,
     number_from_zero,
     positive_integer,
@@ -114,6 +115,7 @@ def _parser() -> Parser:
         default=8,
         help="places, the matches played at a time (default: %(default)s)",
     )
+    add_import(parser)
     parser.add_argument("--device", default="auto", help="auto, cpu, cuda (default: %(default)s)")
     parser.add_argument(
         "--threshold",

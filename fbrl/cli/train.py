@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import shlex
 import sys
@@ -18,36 +17,17 @@ from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
 from fbrl.checks.names import UnknownNameError
-from fbrl.cli.errors import INTERRUPTED, ending_when_interrupted, fail, parsing
+from fbrl.cli.errors import INTERRUPTED, ending_when_interrupted, fail
 from fbrl.cli.lasting_output import lasting_output
 from fbrl.cli.train_display import TrainDisplay, resume_command, tensorboard_command
-from fbrl.cli.train_options import parse_options
-from fbrl.cli.train_resume import asks_to_resume, parse_resume
-from fbrl.config import PRESET_NAMES, ConfigError, TrainConfig
-from fbrl.presets import preset_config
+from fbrl.cli.train_options import parse_resume, parse_training
+from fbrl.config import ConfigError, TrainConfig
 from fbrl.run_files import CHECKPOINT_NAME
 
 if TYPE_CHECKING:
     from fbrl.training import TrainResult
 
 PROGRAM = "fbrl-train"
-
-DESCRIPTION = """Train a football agent with PPO on a scenario of Google Research Football.
-
-The defaults shown are those of the preset light; add --preset thesis to see that one's. Every
-option can be set on top of a preset. Examples:
-  fbrl-train academy_3_vs_1_with_keeper
-  fbrl-train academy_counterattack_hard --preset thesis --device cuda
-  fbrl-train 11_vs_11_easy_stochastic --reward scoring --total-frames 2000000 --num-envs 16
-
-A training that was interrupted, or that died, goes on as if it had never stopped with
-  fbrl-train --resume RUN_DIR
-
-Of its options only a few can then be changed, see fbrl-train --resume RUN_DIR --help.
-
-Where tcmalloc is installed, it takes the place of the C library's allocator, which makes matches
-faster; FBRL_TCMALLOC=0 in the environment prevents that.
-"""
 
 FAILED = 1
 """Exit code of a training that diverged, can't be saved or hangs."""
@@ -61,8 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     with ending_when_interrupted(PROGRAM, "interrupted; nothing was saved since the last line"):
         arguments = sys.argv[1:] if arguments is None else arguments
-        resume = asks_to_resume(arguments)
-        config = parse_resume(PROGRAM, arguments) if resume else parse(arguments)
+        resume = any(argument.split("=")[0] == "--resume" for argument in arguments)
+        config = (parse_resume if resume else parse_training)(PROGRAM, arguments)
         preload_tcmalloc(PROGRAM)
         _main(config, resume)
 
@@ -87,7 +67,7 @@ def _main(config: TrainConfig, resume: bool) -> None:
             display.evaluation,
             display.postponed,
             display.warning,
-            lambda line: report_hang(display, line),
+            lambda line: report_hang(display, line, config),
         )
         try:
             with display:
@@ -101,36 +81,14 @@ def _main(config: TrainConfig, resume: bool) -> None:
         ) as error:
             fail(PROGRAM, error)
         except (TrainingNotSavedError, MatchWorkersError) as error:
-            fail(PROGRAM, f"{error} {going_on(display.run_dir)}", exit_code=FAILED)
+            fail(PROGRAM, f"{error} {going_on(display.run_dir, config)}", exit_code=FAILED)
         except (TrainingDivergedError, RunDirReplacedError) as error:
             fail(PROGRAM, error, exit_code=FAILED)
         report(console, result)
     if result.interrupted:
         line = f"{PROGRAM}: saved and ended with exit code {INTERRUPTED}."
-        print(line, going_on(result.run_dir), file=sys.stderr)
+        print(line, going_on(result.run_dir, config), file=sys.stderr)
     sys.exit(INTERRUPTED if result.interrupted else 0)
-
-
-def parse(arguments: Sequence[str]) -> TrainConfig:
-    """The configuration of a command line: a preset, and what is changed on top of it."""
-    preset_parser = argparse.ArgumentParser(
-        prog=PROGRAM, add_help=False, allow_abbrev=False, exit_on_error=False
-    )
-    preset_parser.add_argument("--preset", default=PRESET_NAMES[0])
-    try:
-        preset = preset_parser.parse_known_args(list(arguments))[0].preset
-        # The scenario decides between the rows of the thesis's table, so it is read first.
-        scenario = _parse(arguments, preset_config(preset, "")).scenario
-        config = _parse(arguments, preset_config(preset, scenario))
-        config.check()
-    except (ConfigError, UnknownNameError, argparse.ArgumentError) as error:
-        fail(PROGRAM, error)
-    return config
-
-
-def _parse(arguments: Sequence[str], defaults: TrainConfig) -> TrainConfig:
-    with parsing(PROGRAM):
-        return parse_options(PROGRAM, DESCRIPTION, arguments, defaults)
 
 
 def report(console: Console, result: TrainResult) -> None:
@@ -146,14 +104,16 @@ def report(console: Console, result: TrainResult) -> None:
     )
 
 
-def report_hang(display: TrainDisplay, line: str) -> None:
+def report_hang(display: TrainDisplay, line: str, config: TrainConfig) -> None:
     """Says, just before the process is ended, that it hangs and what goes on with the training."""
     display.stop()
-    print(f"{PROGRAM}: error: {line} {going_on(display.run_dir)}", file=sys.stderr, flush=True)
+    print(
+        f"{PROGRAM}: error: {line} {going_on(display.run_dir, config)}", file=sys.stderr, flush=True
+    )
 
 
-def going_on(run_dir: Path | None) -> str:
+def going_on(run_dir: Path | None, config: TrainConfig) -> str:
     """The sentence that says how to go on with a training, if there is anything to go on from."""
     if run_dir is None or not (run_dir / CHECKPOINT_NAME).exists():
         return ""
-    return f"Go on with: {resume_command(run_dir)}"
+    return f"Go on with: {resume_command(run_dir, config.modules)}"

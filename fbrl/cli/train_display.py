@@ -8,7 +8,7 @@ import shlex
 import shutil
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from fbrl.config import TrainConfig
+from fbrl.presets import nearest_preset
 
 if TYPE_CHECKING:
     import torch
@@ -68,9 +69,10 @@ class TrainDisplay:
         config = self._config
         start = f"Going on after {frames:,} frames with the training" if frames else "Training"
         self._console.print(
-            f"{start} on {config.scenario}: {config.reward} reward, preset {config.preset}, "
-            f"{config.ppo.num_envs} matches, {config.ppo.total_frames:,} frames, seed "
-            f"{config.seed}, {device.type}. Ctrl-C saves and ends.\nRun directory: {run_dir}\n"
+            f"{start} on {config.scenario}: {config.reward} reward, preset "
+            f"{nearest_preset(config)}, {config.ppo.num_envs} matches, "
+            f"{config.ppo.total_frames:,} frames, seed {config.seed}, {device.type}. Ctrl-C "
+            f"saves and ends.\nRun directory: {run_dir}\n"
             f"Watch it with: {tensorboard_command(run_dir)}"
         )
         self._update("training", frames, config.ppo.total_frames, "frames")
@@ -124,9 +126,10 @@ def tensorboard_command(run_dir: Path) -> str:
     return shlex.join([_program("tensorboard"), "--logdir", str(run_dir), "--host", "localhost"])
 
 
-def resume_command(run_dir: Path) -> str:
-    """What goes on with an interrupted training."""
-    return shlex.join([_program("fbrl-train"), "--resume", str(run_dir)])
+def resume_command(run_dir: Path, modules: Iterable[str] = ()) -> str:
+    """What goes on with an interrupted training, whose components are in these modules."""
+    imports = [word for module in modules for word in ("--import", module)]
+    return shlex.join([_program("fbrl-train"), "--resume", str(run_dir), *imports])
 
 
 def _program(name: str) -> str:

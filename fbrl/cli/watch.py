@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from fbrl.allocator import preload_tcmalloc
-from fbrl.cli.arguments import positive_integer, seed
+from fbrl.cli.arguments import add_import, positive_integer, seed
 from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted, fail
 from fbrl.cli.outputs import check_outputs
 from fbrl.cli.watch_display import WatchDisplay
@@ -103,6 +103,7 @@ def _parser() -> Parser:
         help="sample the actions, or take the most probable ones (default: sample)",
     )
     played.add_argument("--seed", type=seed, help="of the matches and actions (default: 0)")
+    add_import(parser)
     played.add_argument("--device", help="auto, cpu, cuda (default: auto)")
     played.add_argument(
         "--policy", choices=POLICIES, help="instead of an agent; asks for --scenario"
@@ -223,7 +224,8 @@ def _player(options: argparse.Namespace) -> dict[str, Any]:
             "observation": "simple115",
             "reward": make_reward("analytics"),
         }
-    from fbrl.agent import load_agent, make_agent_observation, make_training_reward
+    from fbrl.agent import load_agent
+    from fbrl.assembly import make_agent_observation, make_training_reward
     from fbrl.device import choose_device
 
     device = choose_device(options.device or "auto")

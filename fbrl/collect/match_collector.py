@@ -23,7 +23,6 @@ from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.transforms import PlayStatistics, ScoringReward
 
-
 _MATCHES_FOR_THREE_GROUPS = 48
 
 

@@ -14,11 +14,11 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 
-from fbrl.agent import make_agent_observation, make_model
+from fbrl.assembly import make_agent_env, make_model
 from fbrl.collect.collector import inference_threads
 from fbrl.collect.watchdog import Watchdog
+from fbrl.components import import_modules
 from fbrl.config import TrainConfig
-from fbrl.envs.factory import make_env
 from fbrl.models.actor_critic import CollectionPolicy
 
 _HEALTH = "health"
@@ -92,12 +92,12 @@ class MakeMatches:
 
     def __call__(self) -> EnvBase:
         """Makes them."""
-        return make_env(
-            self.config.scenario,
+        import_modules(self.config.modules)
+        return make_agent_env(
+            self.config,
             num_envs=self.num_envs,
             num_threads=self.num_threads,
             reward=ray.get(self.reward),
-            observation=make_agent_observation(self.config),
         )
 
 
@@ -109,4 +109,5 @@ class MakePolicy:
 
     def __call__(self) -> CollectionPolicy:
         """Makes it."""
+        import_modules(self.config.modules)
         return make_model(self.config, torch.device("cpu")).get_collection_policy()

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
+from tensordict import NestedKey
+from torchrl.data import Composite, TensorSpec, Unbounded
+from torchrl.data.utils import numpy_to_torch_dtype_dict
 from torchrl.envs import (
     Compose,
     ExcludeTransform,
@@ -14,48 +17,12 @@ from torchrl.envs import (
     TransformedEnv,
 )
 
-from fbrl.checks.names import check_name
+from fbrl.components import OBSERVATIONS, REWARDS
 from fbrl.envs.episode_seeds import check_seed
 from fbrl.envs.observation import OBSERVATION_SPACE, select_space
 from fbrl.envs.torchrl_matches import FootballMatches
 from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
-from fbrl.transforms import (
-    ActionMemory,
-    AssistDensityPotential,
-    AssistDensityReward,
-    CheckpointReward,
-    EngineActionMask,
-    ExpertActionMask,
-    MiniMapCells,
-    Players,
-    PlayStatistics,
-    ScoringReward,
-    Simple115,
-    SuperMiniMap,
-)
-
-REWARDS: Mapping[str, Callable[..., ScoringReward]] = {
-    "analytics": AssistDensityReward,
-    "potential": AssistDensityPotential,
-    "checkpoints": CheckpointReward,
-    "scoring": ScoringReward,
-}
-"""The rewards by name: the thesis's density reward, its potential-based sibling (which takes the
-training's ``gamma``), gfootball's checkpoints, goals alone."""
-
-OBSERVATIONS: Mapping[str, Callable[[], Transform]] = {
-    "minimap": MiniMapCells,
-    "smm": SuperMiniMap,
-    "simple115": Simple115,
-    "players": lambda: Compose(ActionMemory(), Players()),
-}
-"""The observations by name, as :func:`fbrl.models.actor_critic.build_actor_critic` knows them."""
-
-MASKS: Mapping[str, Callable[[], Transform]] = {
-    "engine": EngineActionMask,
-    "expert": ExpertActionMask,
-}
-"""The action masks by name."""
+from fbrl.transforms import PlayStatistics, ScoringReward
 
 EPISODE_PREFIX = "episode_"
 """``episode_reward``, ``episode_reward_scoring`` and so on: the sums over the episode so far."""
@@ -64,58 +31,77 @@ EPISODE_LENGTH = "step_count"
 """Steps of the episode so far."""
 
 
-def make_reward(reward: str | ScoringReward, **options: Any) -> ScoringReward:
+def make_reward(
+    reward: str | ScoringReward, *, gamma: float | None = None, **options: Any
+) -> ScoringReward:
     """A reward transform from its name and options; a transform is returned as it is.
+
+    Args:
+        reward: A name in :data:`fbrl.components.REWARDS`, or a transform.
+        gamma: The training's discount, for those that need it.
+        options: The reward's own.
 
     Raises:
         UnknownNameError: There is no reward of this name.
-        TypeError: It is neither a name nor a reward, or has no such option.
+        ConfigError: It can't be imported, or has no such option.
+        TypeError: It is neither a name nor a reward, or needs the discount.
     """
-    if reward == "potential" and "gamma" not in options:
+    if not isinstance(reward, str):
+        return _checked(reward)
+    if reward == "potential" and gamma is None:
         raise TypeError(
             "The reward 'potential' needs the discount of the training: pass "
             "AssistDensityPotential(gamma=0.993), say, in place of its name."
         )
-    if isinstance(reward, str):
-        return REWARDS[check_name("reward", reward, REWARDS)](**options)
+    return _checked(REWARDS.make(reward, options, gamma=gamma))
+
+
+def _checked(reward: Any) -> ScoringReward:
     if not isinstance(reward, ScoringReward):
         raise TypeError(
-            f"The reward is {reward!r}; it must be a ScoringReward, or one of {', '.join(REWARDS)}."
+            f"The reward is {reward!r}; it must be a ScoringReward, or one of "
+            f"{', '.join(REWARDS.names)}."
         )
     return reward
 
 
-def make_observation(observation: str | Transform) -> Transform:
-    """An observation transform from its name; a transform is returned as it is.
+def make_observation(observation: str | Transform, **options: Any) -> Transform:
+    """An observation transform from its name and options; a transform is returned as it is.
+
+    Args:
+        observation: A name in :data:`fbrl.components.OBSERVATIONS`, or a transform.
+        options: The observation's own.
 
     Raises:
         UnknownNameError: There is no observation of this name.
+        ConfigError: It can't be imported, or has no such option.
         TypeError: It is neither a name nor a transform.
     """
     if isinstance(observation, str):
-        return OBSERVATIONS[check_name("observation", observation, OBSERVATIONS)]()
+        observation = OBSERVATIONS.make(observation, options)
     if not isinstance(observation, Transform) or isinstance(observation, ScoringReward):
         raise TypeError(
             f"The observation is {observation!r}; it must be a Transform that writes one, or one "
-            f"of {', '.join(OBSERVATIONS)}."
+            f"of {', '.join(OBSERVATIONS.names)}."
         )
     return observation
 
 
-def make_masked_observation(observation: str, mask: str | None) -> Transform:
-    """What an agent looks at: an observation and, unless there is none, its action mask.
+def observed_key(observation: Transform) -> NestedKey:
+    """What a network reads: the last entry that an observation writes."""
+    last = observation[-1] if isinstance(observation, Compose) else observation
+    return last.out_keys[-1]
 
-    Args:
-        observation: A name in :data:`OBSERVATIONS`.
-        mask: A name in :data:`MASKS`.
 
-    Raises:
-        UnknownNameError: There is no such observation or mask.
-    """
-    transform = make_observation(observation)
-    if mask is None:
-        return transform
-    return Compose(transform, MASKS[check_name("mask", mask, MASKS)]())
+def observed_spec(observation: Transform) -> TensorSpec:
+    """The spec of what a network reads, of a single match."""
+    raw = Composite(
+        {
+            key: Unbounded(space.shape, dtype=numpy_to_torch_dtype_dict[space.dtype])
+            for key, space in OBSERVATION_SPACE.items()
+        }
+    )
+    return observation.transform_observation_spec(raw)[observed_key(observation)]
 
 
 def make_env(

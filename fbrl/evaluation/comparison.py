@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from fbrl.agent import load_agent, make_agent_observation, make_training_reward
+from fbrl.agent import load_agent
 from fbrl.analysis.run_groups import RunGroup, group_runs
 from fbrl.analysis.run_log import (
     GOAL_DIFFERENCE,
@@ -22,12 +22,14 @@ from fbrl.analysis.run_log import (
     read_run_log,
 )
 from fbrl.analysis.seed_statistics import Estimate, interquartile_mean, probability_of_improvement
+from fbrl.assembly import make_agent_observation, make_training_reward
 from fbrl.config import TrainConfig
 from fbrl.envs import make_env
 from fbrl.envs.factory import EPISODE_PREFIX
 from fbrl.envs.vector_env import ActionSet
 from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate
 from fbrl.evaluation.policies import make_policy
+from fbrl.presets import nearest_preset
 from fbrl.run_files import METRICS_NAME
 from fbrl.run_seeds import fresh_seed
 from fbrl.transforms import ScoringReward
@@ -192,7 +194,7 @@ def result_row(
         "policy": evaluated.name,
         "configuration": configuration,
         "reward": None if config is None else config.reward,
-        "preset": None if config is None else config.preset,
+        "preset": None if config is None else nearest_preset(config),
         "trained_on": None if config is None else config.scenario,
         "seed": None if config is None else config.seed,
         "frames": evaluated.frames,

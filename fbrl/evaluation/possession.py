@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from fbrl.agent import load_agent, make_agent_observation
-from fbrl.envs import make_env
+from fbrl.agent import load_agent
+from fbrl.assembly import make_agent_env
 from fbrl.evaluation.evaluation import play_matches
 from fbrl.run_seeds import fresh_seed
 from fbrl.transforms.ball_control import in_control
@@ -49,11 +49,10 @@ def ball_positions(
     with contextlib.ExitStack() as stack:
         stack.enter_context(torch.random.fork_rng(devices=[]))
         agent = load_agent(run)
-        env = make_env(
-            agent.config.scenario,
+        env = make_agent_env(
+            agent.config,
             num_envs=min(num_envs, episodes),
             reward="scoring",
-            observation=make_agent_observation(agent.config),
             keep_keys=_KEYS,
             seed=fresh_seed(agent.config, agent.config.scenario, seed),
         )

@@ -2,48 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal, get_args
+from typing import Any
 
 import torch
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import nn
 from torch.distributions import Categorical
+from torchrl.data import TensorSpec
+from torchrl.envs import Transform
 from torchrl.envs.utils import ExplorationType
 from torchrl.modules import ActorValueOperator, ProbabilisticActor, ValueOperator
 
 from fbrl.checks.counts import check_count
+from fbrl.components import NETWORKS
+from fbrl.envs.factory import make_observation, observed_key, observed_spec
 from fbrl.models.collection_policy import CollectionPolicy
-from fbrl.models.impala import ImpalaCNN
 from fbrl.models.mirror import MIRRORED_ACTIONS, MIRRORS, MirroredTrunk
-from fbrl.models.mlp import MLP, Activation, orthogonal
-from fbrl.models.player_set import PlayerSet
+from fbrl.models.mlp import orthogonal
 from fbrl.models.policy_head import PolicyHead
-from fbrl.transforms.players_table import NUM_FEATURES
 
-__all__ = [
-    "OBSERVATION_KEYS",
-    "ActorCritic",
-    "CollectionPolicy",
-    "ObservationName",
-    "build_actor_critic",
-]
-
-NetworkName = Literal["mlp", "player_set"]
-
-ObservationName = Literal["minimap", "smm", "simple115", "players"]
-
-OBSERVATION_KEYS: dict[str, str] = {
-    "minimap": "minimap_cells",
-    "smm": "smm",
-    "simple115": "simple115",
-    "players": "players",
-}
-"""The tensordict key of each observation."""
-
-VECTOR_SIZES: dict[str, int] = {"simple115": 115, "players": NUM_FEATURES}
-"""How many numbers there are in those that are vectors."""
+__all__ = ["ActorCritic", "CollectionPolicy", "build_actor_critic"]
 
 
 class ActorCritic(ActorValueOperator):
@@ -111,16 +90,14 @@ class ActorCritic(ActorValueOperator):
 
 
 def build_actor_critic(
-    observation: ObservationName,
-    num_actions: int = 19,
+    observation: str | Transform = "simple115",
+    network: str | None = None,
     *,
-    num_frames: int = 4,
-    hidden_sizes: Sequence[int] = (256, 256),
-    activation: Activation = "relu",
-    network: NetworkName = "mlp",
+    num_actions: int = 19,
     is_mirrored: bool = False,
     is_masked: bool = False,
     device: torch.device | str | None = None,
+    **options: Any,
 ) -> ActorCritic:
     """Builds the actor-critic for an observation.
 
@@ -128,24 +105,21 @@ def build_actor_critic(
     orthogonal weights of gain 0.01 for the policy and 1 for the value, and biases of zero.
 
     Args:
-        observation: ``"minimap"`` (reads ``minimap_cells``) and ``"smm"`` (reads ``smm``) give
-            the same convolutional network, ``"simple115"`` and ``"players"`` a multilayer
-            perceptron.
+        observation: what is read, as for :func:`fbrl.envs.make_env`.
+        network: a name in :data:`fbrl.components.NETWORKS`; by default ``"mlp"`` for vectors and
+            ``"impala"`` for mini maps.
         num_actions: number of discrete actions.
-        num_frames: how many frames ``"minimap"`` and ``"smm"`` stack.
-        hidden_sizes: sizes of the perceptron's layers.
-        activation: of the perceptron, ``"relu"`` or ``"tanh"``.
-        network: what reads ``"players"``: ``"mlp"``, or ``"player_set"``, which treats players as
-            sets. The other observations have one network each.
         is_mirrored: whether the network sees every state with the ball in the lower half, see
             :mod:`fbrl.models.mirror`.
         is_masked: whether the policy reads ``action_mask``, see
             :class:`~fbrl.transforms.EngineActionMask`.
         device: where the parameters live.
+        options: of the network.
 
     Raises:
-        ValueError: A name is unknown or a size is less than 1.
-        TypeError: A size is no integer.
+        UnknownNameError: there is no such observation or network.
+        ValueError: an option is unknown or out of range, or the network can't read the observation.
+        TypeError: a size is no integer.
 
     Examples:
         >>> import torch
@@ -158,38 +132,36 @@ def build_actor_critic(
         >>> sum(p.numel() for p in build_actor_critic("minimap").parameters())
         396868
     """
-    if observation not in list(OBSERVATION_KEYS):
-        raise ValueError(
-            f"observation is {observation!r}, but must be one of {tuple(OBSERVATION_KEYS)}."
-        )
-    if network not in get_args(NetworkName):
-        raise ValueError(f"network is {network!r}, but must be one of {get_args(NetworkName)}.")
-    if network == "player_set" and observation != "players":
-        raise ValueError(
-            f"The network player_set reads the observation players, but the observation is "
-            f"{observation!r}."
-        )
     num_actions = check_count("num_actions", num_actions)
-    trunk: ImpalaCNN | MLP | PlayerSet | MirroredTrunk
-    if network == "player_set":
-        trunk = PlayerSet(hidden_sizes=hidden_sizes, activation=activation, device=device)
-    elif observation in VECTOR_SIZES:
-        trunk = MLP(VECTOR_SIZES[observation], hidden_sizes, activation, device)
-    else:
-        trunk = ImpalaCNN(num_frames, device=device)
-    num_features = trunk.num_features
-    if is_mirrored:
-        if num_actions != len(MIRRORED_ACTIONS):
-            raise ValueError(
-                f"num_actions is {num_actions}, but only gfootball's {len(MIRRORED_ACTIONS)} "
-                f"actions can be mirrored."
-            )
-        trunk = MirroredTrunk(trunk, MIRRORS[observation]().to(device))
-    return ActorCritic(
-        trunk,
-        OBSERVATION_KEYS[observation],
-        num_features,
-        num_actions,
-        device,
-        is_masked=is_masked,
-    )
+    transform = make_observation(observation)
+    key, spec = observed_key(transform), observed_spec(transform)
+    if network is None:
+        network = "mlp" if len(spec.shape) == 1 else "impala"
+    with torch.device(device or "cpu"):
+        trunk = NETWORKS.make(network, options, spec.shape)
+        num_features = getattr(trunk, "num_features", None) or _size_of_features(trunk, spec)
+        if is_mirrored:
+            trunk = MirroredTrunk(trunk, _mirror_of(key, num_actions))
+    return ActorCritic(trunk, key, num_features, num_actions, device, is_masked=is_masked)
+
+
+@torch.no_grad()
+def _size_of_features(network: nn.Module, spec: TensorSpec) -> int:
+    features = network(spec.zero().unsqueeze(0))
+    if features.ndim != 2:
+        raise ValueError(
+            f"The network {type(network).__name__} makes {tuple(features.shape)} of an observation "
+            f"of shape {(1, *spec.shape)}; it must make features of shape (1, number)."
+        )
+    return int(features.shape[-1])
+
+
+def _mirror_of(key: NestedKey, num_actions: int) -> nn.Module:
+    if key not in MIRRORS:
+        raise ValueError(f"The observation {key!r} has no mirror in fbrl.models.mirror.MIRRORS.")
+    if num_actions != len(MIRRORED_ACTIONS):
+        raise ValueError(
+            f"num_actions is {num_actions}, but only gfootball's {len(MIRRORED_ACTIONS)} "
+            f"actions can be mirrored."
+        )
+    return MIRRORS[key]()

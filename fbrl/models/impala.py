@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import cast
 
@@ -37,7 +37,7 @@ class ImpalaCNN(nn.Module):
     4 * num_frames, 72, 96)``). The output is the same for both.
 
     Args:
-        num_frames: how many frames are stacked in the input.
+        observation_shape: of what is read, cells (frames, 24) or planes (4 * frames, 72, 96).
         num_features: size of the output.
         device: where the parameters live.
 
@@ -51,12 +51,12 @@ class ImpalaCNN(nn.Module):
 
     def __init__(
         self,
-        num_frames: int = 4,
+        observation_shape: Sequence[int] = (4, CELLS_PER_FRAME),
         num_features: int = 256,
         device: torch.device | str | None = None,
     ) -> None:
         super().__init__()
-        self.num_frames = num_frames = check_count("num_frames", num_frames)
+        self.num_frames = num_frames = _num_frames(tuple(observation_shape))
         self.num_features = num_features = check_count("num_features", num_features)
         channels = [num_frames * len(SMM_LAYERS), 16, 32, 32, 32]
         height, width = SMM_HEIGHT, SMM_WIDTH
@@ -148,6 +148,18 @@ def max_pool_same(x: torch.Tensor) -> torch.Tensor:
     """
     padding = (x.shape[-2] % 2, x.shape[-1] % 2)
     return F.max_pool2d(x, kernel_size=3, stride=2, padding=padding, ceil_mode=True)
+
+
+def _num_frames(shape: tuple[int, ...]) -> int:
+    if len(shape) == 2 and shape[1] == CELLS_PER_FRAME:
+        return check_count("observation_shape[0]", shape[0])
+    layers = len(SMM_LAYERS)
+    if len(shape) == 3 and shape[1:] == (SMM_HEIGHT, SMM_WIDTH) and not shape[0] % layers:
+        return check_count("observation_shape[0]", shape[0]) // layers
+    raise ValueError(
+        f"The observation has shape {shape}; the network impala reads cells of shape (frames, "
+        f"{CELLS_PER_FRAME}) or planes of shape ({layers} * frames, {SMM_HEIGHT}, {SMM_WIDTH})."
+    )
 
 
 def _initialise(module: nn.Module) -> None:

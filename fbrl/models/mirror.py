@@ -126,9 +126,9 @@ def _simple115_mirror() -> VectorMirror:
 
 
 MIRRORS: Mapping[str, Callable[[], nn.Module]] = {
-    "minimap": CellsMirror,
+    "minimap_cells": CellsMirror,
     "smm": PlanesMirror,
     "simple115": _simple115_mirror,
     "players": _players_mirror,
 }
-"""What mirrors each observation."""
+"""What mirrors an observation, by the key that the network reads."""

@@ -37,7 +37,7 @@ class MLP(nn.Sequential):
     The weights' gain is sqrt(2) and the biases are zero, as in OpenAI's Baselines and CleanRL.
 
     Args:
-        num_inputs: size of the observation vector; 115 for ``simple115``.
+        observation_shape: of what is read, a vector; (115,) for ``simple115``.
         hidden_sizes: size of each layer; the last one is the number of features.
         activation: ``"relu"`` or ``"tanh"``.
         device: where the parameters live.
@@ -54,7 +54,7 @@ class MLP(nn.Sequential):
 
     def __init__(
         self,
-        num_inputs: int = 115,
+        observation_shape: Sequence[int] = (115,),
         hidden_sizes: Sequence[int] = (256, 256),
         activation: Activation = "relu",
         device: torch.device | str | None = None,
@@ -70,7 +70,12 @@ class MLP(nn.Sequential):
                 f"hidden_sizes is {hidden_sizes!r}, but must name at least one layer, such as "
                 f"(256, 256)."
             )
-        num_inputs = check_count("num_inputs", num_inputs)
+        if len(observation_shape) != 1:
+            raise ValueError(
+                f"The observation has shape {tuple(observation_shape)}; the network mlp reads "
+                "vectors."
+            )
+        num_inputs = check_count("observation_shape[0]", observation_shape[0])
         for index, size in enumerate(hidden_sizes):
             check_count(f"hidden_sizes[{index}]", size)
         layers: list[nn.Module] = []

@@ -23,6 +23,7 @@ class PlayerSet(nn.Module):
     pooled embeddings and the numbers that there are once go into an :class:`MLP`.
 
     Args:
+        observation_shape: of what is read; only (274,), that of ``players``.
         embedding_size: numbers of a player's embedding.
         hidden_sizes: size of each layer of the last perceptron; the last one is the number of
             features.
@@ -41,12 +42,18 @@ class PlayerSet(nn.Module):
 
     def __init__(
         self,
+        observation_shape: Sequence[int] = (NUM_FEATURES,),
         embedding_size: int = 32,
         hidden_sizes: Sequence[int] = (256, 256),
         activation: Activation = "relu",
         device: torch.device | str | None = None,
     ) -> None:
         super().__init__()
+        if tuple(observation_shape) != (NUM_FEATURES,):
+            raise ValueError(
+                f"The observation has shape {tuple(observation_shape)}; the network player_set "
+                f"reads players, of shape ({NUM_FEATURES},)."
+            )
         size = check_count("embedding_size", embedding_size)
         num_single, num_pooled = MATES.start, 4 * size
         self.mates = _PlayerEmbedding(_per_player(MATES, NUM_MATES), num_single, size, device)
@@ -54,7 +61,7 @@ class PlayerSet(nn.Module):
         self.opponents = _PlayerEmbedding(
             _per_player(opponents, NUM_OPPONENTS), num_single, size, device
         )
-        self.perceptron = MLP(num_single + num_pooled, hidden_sizes, activation, device)
+        self.perceptron = MLP((num_single + num_pooled,), hidden_sizes, activation, device)
         self.num_features = self.perceptron.num_features
 
     def forward(self, players: torch.Tensor) -> torch.Tensor:

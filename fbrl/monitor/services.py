@@ -7,13 +7,13 @@ Each is one of TorchRL's loggers. TensorBoard's events and the tables are writte
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fbrl.checks.extras import MissingExtraError
-from fbrl.checks.names import check_name
+from fbrl.components import LOGGERS
 
 if TYPE_CHECKING:
     from torchrl.record.loggers.common import Logger
@@ -40,7 +40,8 @@ class Service:
     close: Callable[[], None]
 
 
-def _open_wandb(run_dir: Path, run_id: str | None) -> Service:
+def open_wandb(run_dir: Path, run_id: str | None) -> Service:
+    """Opens Weights & Biases."""
     import wandb
     from torchrl.record.loggers.wandb import WandbLogger
 
@@ -55,7 +56,8 @@ def _open_wandb(run_dir: Path, run_id: str | None) -> Service:
     return Service(logger, logger.experiment.id, logger.close)
 
 
-def _open_mlflow(run_dir: Path, run_id: str | None) -> Service:
+def open_mlflow(run_dir: Path, run_id: str | None) -> Service:
+    """Opens MLflow."""
     import mlflow
     import omegaconf  # noqa: F401 - MLFlowLogger.log_hparams imports it, whatever it is given
     from torchrl.record.loggers.mlflow import MLFlowLogger
@@ -71,18 +73,11 @@ def _open_mlflow(run_dir: Path, run_id: str | None) -> Service:
     return Service(logger, logger.experiment.info.run_id, mlflow.end_run)
 
 
-SERVICES: Mapping[str, Callable[[Path, str | None], Service]] = {
-    "wandb": _open_wandb,
-    "mlflow": _open_mlflow,
-}
-"""By the names of the packages, and of the extras that install them."""
-
-
 def open_service(name: str, run_dir: Path, run_id: str | None = None) -> Service:
     """Opens a service for a run.
 
     Args:
-        name: A key of :data:`SERVICES`.
+        name: In :data:`fbrl.components.LOGGERS`.
         run_dir: The run's directory; its name is the run's there.
         run_id: What the service called the run, if it goes on.
 
@@ -91,9 +86,9 @@ def open_service(name: str, run_dir: Path, run_id: str | None = None) -> Service
         MissingExtraError: Its package is not installed.
         ServiceError: It can't be reached, or refuses the login.
     """
-    check_name("logger", name, tuple(SERVICES))
+    open_logger = LOGGERS.load(name)
     try:
-        return SERVICES[name](run_dir, run_id)
+        service = open_logger(run_dir, run_id)
     except ModuleNotFoundError as error:
         raise MissingExtraError(f"Logs in {name}", [str(error.name)], name) from error
     except Exception as error:  # each has its own
@@ -101,3 +96,6 @@ def open_service(name: str, run_dir: Path, run_id: str | None = None) -> Service
             f"{name} can't be logged to ({error}). Train without it, or see its documentation for "
             "its address, its login and logging offline."
         ) from error
+    if not isinstance(service, Service):
+        raise ServiceError(f"The logger {name} returned {service!r:.80}; it must return a Service.")
+    return service

@@ -56,7 +56,7 @@ class Monitor:
         on_warning: Called with one line when something can't be logged.
         checkpoint: What the training goes on from, if it has been logged before. What the files
             have past it is dropped.
-        services: Names of :data:`fbrl.monitor.services.SERVICES`, to which scalars and
+        services: Names of :data:`fbrl.components.LOGGERS`, to which scalars and
             hyperparameters are sent, too. One that fails is told nothing more, after a warning.
             Where the log goes on, it is told again what the checkpoint lacks.
 

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
-from fbrl.agent import make_agent_observation
+from fbrl.assembly import make_agent_env, make_agent_observation
 from fbrl.config import TrainConfig
-from fbrl.envs.factory import make_env
 from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
@@ -114,11 +113,10 @@ class Evaluator:
 
     def _make_env(self) -> EnvBase:
         if self._env is None:
-            self._env = make_env(
-                self._config.scenario,
+            self._env = make_agent_env(
+                self._config,
                 num_envs=min(NUM_PLACES, self._config.ppo.num_envs),
                 reward=self._reward.clone(),
-                observation=make_agent_observation(self._config),
                 num_threads=self._config.num_threads,
                 keep_keys=_POSSESSION_KEYS,
             )

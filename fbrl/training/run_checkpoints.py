@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from fbrl.assembly import keep_density
 from fbrl.checkpoint import save_checkpoint
 from fbrl.config import TrainConfig
 from fbrl.config_json import config_to_dict, save_config
@@ -21,6 +22,7 @@ from fbrl.run_files import (
 from fbrl.training.interrupt import Interrupt
 from fbrl.training.run_dir import RunDirLock
 from fbrl.training.training_state import TrainingState
+from fbrl.transforms import ScoringReward
 
 
 class TrainingNotSavedError(RuntimeError):
@@ -36,6 +38,7 @@ class RunCheckpoints:
     Args:
         config: The training.
         state: What is saved.
+        reward: The training's, whose densities are kept with the run.
         lock: Of the run's directory, which is made anew where somebody deleted it.
         interrupt: Breaks no saving off.
         on_warning: Called with one line when something can't be saved, and when it can again.
@@ -51,6 +54,7 @@ class RunCheckpoints:
         self,
         config: TrainConfig,
         state: TrainingState,
+        reward: ScoringReward,
         lock: RunDirLock,
         interrupt: Interrupt,
         on_warning: Callable[[str], None],
@@ -60,6 +64,7 @@ class RunCheckpoints:
         self._config = config
         self.run_dir = lock.run_dir
         self._state = state
+        self._reward = reward
         self._lock = lock
         self._interrupt = interrupt
         self._on_warning = on_warning
@@ -86,6 +91,7 @@ class RunCheckpoints:
             if path.exists():
                 return
             save_config(self._config, path)
+            keep_density(self._reward, self.run_dir)
         except OSError:  # whatever can't be written there says so
             return
         self.saved_frames = None

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fbrl.config import ConfigError, TrainConfig
+from fbrl.presets import nearest_preset
 from fbrl.run_files import LOCK_NAME
 
 _BEFORE_THE_FIRST_CHECKPOINT = re.compile(
@@ -28,7 +29,8 @@ def make_run_dir(config: TrainConfig) -> Path:
     run_dir = config.run_dir
     if run_dir is None:
         now = datetime.now().strftime("%Y%m%d-%H%M%S")
-        name = f"{config.reward}-{config.preset}-seed{config.seed}-{now}"
+        reward = config.reward.replace(":", ".")
+        name = f"{reward}-{nearest_preset(config)}-seed{config.seed}-{now}"
         run_dir = Path("runs") / config.scenario / name
     try:
         run_dir.mkdir(parents=True, exist_ok=True)

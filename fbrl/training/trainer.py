@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from fbrl.agent import keep_density, make_model, make_training_reward
+from fbrl.assembly import keep_density, make_collector, make_model, make_training_reward
 from fbrl.checkpoint import load_checkpoint
 from fbrl.collect.ray_cluster import connected_to_ray, workers_and_cpus
 from fbrl.collect.watchdog import Watchdog
@@ -28,7 +28,6 @@ from fbrl.training.listener import TrainListener, TrainResult
 from fbrl.training.run_checkpoints import RunCheckpoints
 from fbrl.training.run_dir import RunDirLock, existing_run_dir, make_run_dir, remove_false_start
 from fbrl.training.training_loop import TrainingLoop
-from fbrl.training.training_matches import make_collector
 from fbrl.training.training_state import TrainingState, check_resumable, crashes_before, has_matches
 
 
@@ -101,7 +100,9 @@ def train(
         )
         stack.enter_context(contextlib.closing(monitor))
         state = TrainingState(config, ppo, monitor)
-        checkpoints = RunCheckpoints(config, state, lock, interrupt, listener.on_warning, frames)
+        checkpoints = RunCheckpoints(
+            config, state, reward, lock, interrupt, listener.on_warning, frames
+        )
         loop = TrainingLoop(
             config, listener, state, checkpoints, evaluator, interrupt, crash_report
         )

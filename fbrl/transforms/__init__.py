@@ -10,6 +10,7 @@ from fbrl.transforms.checkpoint_reward import CheckpointReward
 from fbrl.transforms.minimap import MiniMapCells, SuperMiniMap
 from fbrl.transforms.play_statistics import PLAY_STATISTICS, PlayStatistics
 from fbrl.transforms.players import PLAYERS_FEATURES, Players
+from fbrl.transforms.raw_observation import RawObservationTransform
 from fbrl.transforms.scoring_reward import ScoringReward
 from fbrl.transforms.shaped_reward import ShapedReward
 from fbrl.transforms.simple115 import Simple115
@@ -28,6 +29,7 @@ __all__ = [
     "Observation",
     "PlayStatistics",
     "Players",
+    "RawObservationTransform",
     "ScoringReward",
     "ShapedReward",
     "Simple115",

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import torch
 from tensordict import NestedKey
 from torch import Tensor
-from torchrl.data import Binary, Composite
 
 from fbrl.envs.actions import ACTION_NAMES
 from fbrl.transforms.action_memory import KICKS
@@ -61,23 +60,12 @@ class EngineActionMask(RawObservationTransform):
         ['right', 'sprint', 'release_dribble']
     """
 
-    _FIELDS: tuple[str, ...] = ("sticky_actions",)
-    _OUT_KEY = "action_mask"
+    fields: tuple[str, ...] = ("sticky_actions",)
+    out_key = "action_mask"
 
-    def _compute(self, fields: list[Tensor]) -> Tensor:
-        return self._mask(dict(zip(self._FIELDS, fields, strict=True)))
-
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Adds the mask to the observation."""
-        shape = torch.Size((*observation_spec.shape, len(ACTION_NAMES)))
-        observation_spec[self.out_keys[0]] = Binary(
-            shape=shape, dtype=torch.bool, device=observation_spec.device
-        )
-        return observation_spec
-
-    def _mask(self, observation: Observation) -> Tensor:
-        """Which actions may be chosen, bool of shape (..., 19)."""
-        return _does_something(observation["sticky_actions"])
+    def compute(self, *fields: Tensor) -> Tensor:
+        """Returns which actions may be chosen, bool (*batch, 19)."""
+        return _does_something(fields[0])
 
 
 class ExpertActionMask(EngineActionMask):
@@ -122,7 +110,7 @@ class ExpertActionMask(EngineActionMask):
         ['long_pass', 'high_pass', 'short_pass', 'sprint', 'dribble']
     """
 
-    _FIELDS = ("sticky_actions", "left_team", "ball", "active", "ball_owned_team", "game_mode")
+    fields = ("sticky_actions", "left_team", "ball", "active", "ball_owned_team", "game_mode")
 
     def __init__(
         self,
@@ -137,7 +125,9 @@ class ExpertActionMask(EngineActionMask):
         self.shot_half_width = shot_half_width
         self.mask_idle = mask_idle
 
-    def _mask(self, observation: Observation) -> Tensor:
+    def compute(self, *fields: Tensor) -> Tensor:
+        """Returns which actions may be chosen, bool (*batch, 19)."""
+        observation = dict(zip(self.fields, fields, strict=True))
         held, ball = observation["sticky_actions"], observation["ball"]
         mask = _does_something(held)
         has_chance = _may_reach_ball(observation)

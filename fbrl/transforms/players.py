@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import torch
-from torchrl.data import Composite, Unbounded
+from collections.abc import Sequence
 
+import torch
+from torchrl.envs import Compose
+
+from fbrl.transforms.action_memory import ActionMemory
 from fbrl.transforms.players_features import players_features
 from fbrl.transforms.players_table import NUM_FEATURES, PLAYERS_FEATURES
 from fbrl.transforms.raw_observation import RawObservationTransform
@@ -47,7 +50,7 @@ class Players(RawObservationTransform):
         (1.0, 1.0, 0.0)
     """
 
-    _FIELDS = (
+    fields = (
         "left_team",
         "left_team_direction",
         "left_team_tired_factor",
@@ -70,30 +73,27 @@ class Players(RawObservationTransform):
         "sticky_actions",
         "action_memory",
     )
-    _OUT_KEY = "players"
+    out_key = "players"
 
-    def _compute(self, fields: list[torch.Tensor]) -> torch.Tensor:
+    def compute(self, *fields: torch.Tensor) -> torch.Tensor:
+        """Returns the vector (*batch, 274)."""
         shape, device = fields[-1].shape[:-1], fields[-1].device
         arrays = [rows.numpy() for rows in _rows_of_matches(fields, shape, device)]
-        numbers = torch.from_numpy(players_features(dict(zip(self._FIELDS, arrays, strict=True))))
+        numbers = torch.from_numpy(players_features(dict(zip(self.fields, arrays, strict=True))))
         return numbers.view(*shape, NUM_FEATURES).to(device)
-
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Adds the vector to the observation."""
-        observation_spec[self.out_keys[0]] = Unbounded(
-            (*observation_spec.shape, NUM_FEATURES),
-            dtype=torch.float32,
-            device=observation_spec.device,
-        )
-        return observation_spec
 
 
 def _rows_of_matches(
-    fields: list[torch.Tensor], shape: torch.Size, device: torch.device
-) -> list[torch.Tensor]:
+    fields: Sequence[torch.Tensor], shape: torch.Size, device: torch.device
+) -> Sequence[torch.Tensor]:
     """The fields on the CPU with one leading dimension, untouched where they are so already."""
     if device.type != "cpu":
         fields = [field.cpu() for field in fields]
     if len(shape) != 1:
         fields = [field.reshape(-1, *field.shape[len(shape) :]) for field in fields]
     return fields
+
+
+def players_with_memory() -> Compose:
+    """The observation ``players`` for an environment without an action memory."""
+    return Compose(ActionMemory(), Players())

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import Transform
 
 from fbrl.envs.observation import OBSERVATION_SPACE
@@ -28,7 +30,8 @@ _FLOAT_FIELDS = {key for key, space in OBSERVATION_SPACE.items() if space.dtype 
 class RawObservationTransform(Transform):
     """Base of the transforms that compute one entry from the raw observation of a state alone.
 
-    A subclass names the fields that it reads and its usual key, and computes (:meth:`_compute`).
+    A subclass names what it reads (:attr:`fields`) and writes (:attr:`out_key`), and computes
+    (:meth:`compute`). The spec follows from what it computes of zeros.
 
     Args:
         in_keys: where to find the fields, in the order of the class's.
@@ -38,8 +41,11 @@ class RawObservationTransform(Transform):
         ValueError: if there are more or fewer keys than these.
     """
 
-    _FIELDS: tuple[str, ...]
-    _OUT_KEY: str
+    fields: tuple[str, ...]
+    """Keys of :data:`FIELD_SHAPES`, in the order in which :meth:`compute` is given them."""
+
+    out_key: str
+    """The usual key of what is computed."""
 
     def __init__(
         self,
@@ -47,23 +53,23 @@ class RawObservationTransform(Transform):
         out_keys: Sequence[NestedKey] | None = None,
     ) -> None:
         super().__init__(
-            in_keys=list(self._FIELDS) if in_keys is None else in_keys,
-            out_keys=[self._OUT_KEY] if out_keys is None else out_keys,
+            in_keys=list(self.fields) if in_keys is None else in_keys,
+            out_keys=[self.out_key] if out_keys is None else out_keys,
         )
-        if len(self.in_keys) != len(self._FIELDS) or len(self.out_keys) != 1:
+        if len(self.in_keys) != len(self.fields) or len(self.out_keys) != 1:
             raise ValueError(
-                f"{type(self).__name__}: in_keys must name {len(self._FIELDS)} keys for "
-                f"{self._FIELDS}, in this order, and out_keys one; got in_keys={self.in_keys} and "
+                f"{type(self).__name__}: in_keys must name {len(self.fields)} keys for "
+                f"{self.fields}, in this order, and out_keys one; got in_keys={self.in_keys} and "
                 f"out_keys={self.out_keys}."
             )
 
     @abstractmethod
-    def _compute(self, fields: list[torch.Tensor]) -> torch.Tensor:
-        """Return the entry for the fields, in their order."""
+    def compute(self, *fields: Any) -> torch.Tensor:
+        """Returns the entry (*batch, ...) for the fields (*batch, ...) of some states."""
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        fields = read_fields(next_tensordict, self.in_keys, self._FIELDS, type(self).__name__)
-        return next_tensordict.set(self.out_keys[0], self._compute(fields))
+        fields = read_fields(next_tensordict, self.in_keys, self.fields, type(self).__name__)
+        return next_tensordict.set(self.out_keys[0], self.compute(*fields))
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -78,6 +84,20 @@ class RawObservationTransform(Transform):
         if ("next", self.in_keys[0]) in tensordict.keys(include_nested=True):
             self._call(tensordict.get("next"))
         return tensordict
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Adds the entry to the observation."""
+        present = observation_spec.keys(True, True)
+        zeros = {key: observation_spec[key].zero() for key in self.in_keys if key in present}
+        example = TensorDict(batch_size=observation_spec.shape, device=observation_spec.device)
+        for key, value in zeros.items():
+            example.set(key, value)
+        entry = self._call(example).get(self.out_keys[0])
+        kind = Binary if entry.dtype == torch.bool else Unbounded
+        observation_spec[self.out_keys[0]] = kind(
+            shape=entry.shape, dtype=entry.dtype, device=observation_spec.device
+        )
+        return observation_spec
 
 
 def read_fields(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import torch
-from torchrl.data import Composite, Unbounded
 
 from fbrl.transforms.raw_observation import RawObservationTransform
 
@@ -56,7 +55,7 @@ class Simple115(RawObservationTransform):
         [88, 89, 90, 95, 99, 114]
     """
 
-    _FIELDS = (
+    fields = (
         "left_team",
         "left_team_direction",
         "right_team",
@@ -67,43 +66,34 @@ class Simple115(RawObservationTransform):
         "active",
         "game_mode",
     )
-    _OUT_KEY = "simple115"
+    out_key = "simple115"
 
-    def _compute(self, fields: list[torch.Tensor]) -> torch.Tensor:
-        return _simple115(*fields)
-
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Adds the vector to the observation."""
-        observation_spec[self.out_keys[0]] = Unbounded(
-            (*observation_spec.shape, 115), dtype=torch.float32, device=observation_spec.device
-        )
-        return observation_spec
-
-
-def _simple115(
-    left_team: torch.Tensor,
-    left_team_direction: torch.Tensor,
-    right_team: torch.Tensor,
-    right_team_direction: torch.Tensor,
-    ball: torch.Tensor,
-    ball_direction: torch.Tensor,
-    ball_owned_team: torch.Tensor,
-    active: torch.Tensor,
-    game_mode: torch.Tensor,
-) -> torch.Tensor:
-    source, meaning = _one_hot_columns(ball.device)
-    labels = torch.stack([ball_owned_team, active, game_mode], -1)
-    one_hots = labels.index_select(-1, source) == meaning
-    parts = [
-        left_team.flatten(-2),
-        left_team_direction.flatten(-2),
-        right_team.flatten(-2),
-        right_team_direction.flatten(-2),
-        ball,
-        ball_direction,
-        one_hots,
-    ]
-    return torch.cat([part.to(torch.float32) for part in parts], -1)
+    def compute(
+        self,
+        left_team: torch.Tensor,
+        left_team_direction: torch.Tensor,
+        right_team: torch.Tensor,
+        right_team_direction: torch.Tensor,
+        ball: torch.Tensor,
+        ball_direction: torch.Tensor,
+        ball_owned_team: torch.Tensor,
+        active: torch.Tensor,
+        game_mode: torch.Tensor,
+    ) -> torch.Tensor:
+        """Returns the vector (*batch, 115)."""
+        source, meaning = _one_hot_columns(ball.device)
+        labels = torch.stack([ball_owned_team, active, game_mode], -1)
+        one_hots = labels.index_select(-1, source) == meaning
+        parts = [
+            left_team.flatten(-2),
+            left_team_direction.flatten(-2),
+            right_team.flatten(-2),
+            right_team_direction.flatten(-2),
+            ball,
+            ball_direction,
+            one_hots,
+        ]
+        return torch.cat([part.to(torch.float32) for part in parts], -1)
 
 
 @lru_cache

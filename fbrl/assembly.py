@@ -1,0 +1,167 @@
+"""Where a configuration becomes matches, transforms, a network and a collector.
+
+Training, evaluation, watching and Ray's workers all make theirs here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import torch
+from torchrl.envs import Compose, Transform, TransformedEnv
+
+from fbrl.collect import AheadCollector, BatchCollector, MatchCollector
+from fbrl.components import MASKS, ConfigError
+from fbrl.config import TrainConfig
+from fbrl.envs.factory import make_env, make_observation, make_reward
+from fbrl.models.actor_critic import ActorCritic, CollectionPolicy, build_actor_critic
+from fbrl.run_files import DENSITY_NAME
+from fbrl.transforms import ScoringReward
+
+WORKER_TIMEOUT = 20
+"""Seconds without an answer after which a Ray worker that plays matches is replaced."""
+
+
+def make_training_reward(config: TrainConfig, run_dir: Path | None = None) -> ScoringReward:
+    """The reward that a configuration asks for.
+
+    Args:
+        config: The training.
+        run_dir: The directory of its run. The densities that it keeps, if there are any, are taken
+            instead of those that the configuration names, which may have changed since.
+
+    Raises:
+        ConfigError: It can't be made: its density can't be read, say.
+    """
+    options = dict(config.reward_options)
+    if run_dir is not None and (run_dir / DENSITY_NAME).is_file():
+        options["density"] = run_dir / DENSITY_NAME
+    try:
+        return make_reward(config.reward, gamma=config.ppo.gamma, **options)
+    except (ValueError, TypeError, OSError) as error:
+        raise ConfigError(str(error)) from error
+
+
+def keep_density(reward: ScoringReward, run_dir: Path) -> None:
+    """Keeps the densities of a reward, if it has any, with its run.
+
+    Raises:
+        OSError: They can't be written.
+    """
+    if reward.density is not None:
+        reward.density.save(run_dir / DENSITY_NAME)
+
+
+def make_agent_observation(config: TrainConfig) -> Transform:
+    """What the agent of a configuration looks at, its action mask included.
+
+    Raises:
+        ConfigError: It can't be made.
+    """
+    try:
+        observation = make_observation(config.observation, **config.observation_options)
+        if config.mask is None:
+            return observation
+        return Compose(observation, MASKS.make(config.mask, config.mask_options))
+    except (ValueError, TypeError) as error:
+        raise ConfigError(str(error)) from error
+
+
+def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
+    """The network that a configuration asks for, with fresh weights.
+
+    Raises:
+        ConfigError: It can't be made, or can't read the observation.
+    """
+    try:
+        return build_actor_critic(
+            make_observation(config.observation, **config.observation_options),
+            config.network_name,
+            is_mirrored=config.mirror,
+            is_masked=config.mask is not None,
+            device=device,
+            **config.network_options,
+        )
+    except (ValueError, TypeError) as error:
+        raise ConfigError(str(error)) from error
+
+
+def make_agent_env(
+    config: TrainConfig,
+    *,
+    num_envs: int,
+    reward: str | ScoringReward,
+    scenario: str | None = None,
+    num_threads: int | None = None,
+    keep_keys: Iterable[str] = (),
+    seed: int | None = None,
+) -> TransformedEnv:
+    """Matches for the agent of a configuration, as :func:`fbrl.envs.make_env` makes them.
+
+    Args:
+        config: How the agent was trained.
+        num_envs: As there.
+        reward: As there.
+        scenario: Where it plays; by default where it was trained.
+        num_threads: As there.
+        keep_keys: As there.
+        seed: As there.
+    """
+    return make_env(
+        scenario or config.scenario,
+        num_envs=num_envs,
+        reward=reward,
+        observation=make_agent_observation(config),
+        num_threads=num_threads,
+        keep_keys=keep_keys,
+        seed=seed,
+    )
+
+
+def make_collector(
+    config: TrainConfig,
+    policy: CollectionPolicy,
+    reward: ScoringReward,
+    on_warning: Callable[[str], None],
+) -> BatchCollector:
+    """Makes what :class:`fbrl.ppo.algorithm.PPO` learns from.
+
+    Args:
+        config: The training.
+        policy: Plays.
+        reward: Labels the batches.
+        on_warning: Called with one line when matches are lost.
+
+    Raises:
+        ConfigError: The Ray cluster that this process is connected to has no room for the matches.
+    """
+    if config.collector == "ray":
+        # It can't be imported where Ray is not installed.
+        from fbrl.collect.ray_collector import RayMatchCollector
+
+        return RayMatchCollector(
+            config,
+            policy,
+            reward,
+            seed=config.seed,
+            timeout=min(config.hang_timeout, WORKER_TIMEOUT),
+            on_restart=on_warning,
+        )
+
+    def in_this_process(policy: CollectionPolicy) -> MatchCollector:
+        return MatchCollector(
+            config.scenario,
+            policy,
+            num_envs=config.ppo.num_envs,
+            num_steps=config.ppo.num_steps,
+            reward=reward,
+            observation=make_agent_observation(config),
+            num_threads=config.num_threads,
+            num_groups=config.num_groups,
+            seed=config.seed,
+        )
+
+    if not config.collect_ahead:
+        return in_this_process(policy)
+    return AheadCollector(in_this_process, policy)
