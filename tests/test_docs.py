@@ -115,6 +115,7 @@ def command_options() -> dict[str, set[str]]:
     fields = [*dataclasses.fields(TrainConfig), *dataclasses.fields(PPOConfig)]
     switches = [field.name for field in fields if field.type == "bool"]
     train = as_options(field.name for field in fields) | as_options(switches, "--no-")
+    train |= {"--import", "--preset"}
     commands = {
         f"fbrl-{module.__name__.rpartition('.')[2]}": set(parser_options(module._parser()))
         for module in (density, doctor, eval, plot, watch)
