@@ -69,11 +69,21 @@ class PPOConfig:
     clip_epsilon: float = 0.2
     """The policy's probability ratio is clipped to 1 plus or minus this."""
 
+    target_kl: float | None = None
+    """An epoch whose estimated divergence from the policy that collected the batch is larger on
+    average is the batch's last one; by default all epochs are done."""
+
     entropy_coeff: float = 0.01
-    """Weight of the entropy bonus."""
+    """Weight of the entropy bonus at the start."""
+
+    entropy_coeff_end: float | None = None
+    """Its weight at total_frames, to which it goes linearly; by default it stays."""
 
     critic_coeff: float = 0.5
-    """Weight of the value loss, a mean squared error."""
+    """Weight of the value loss."""
+
+    value_loss: Literal["l2", "huber"] = "l2"
+    """How the critic's errors count: squared, or beyond 1 linearly."""
 
     max_grad_norm: float = 0.64
     """The gradient is scaled down to this norm."""
@@ -104,8 +114,11 @@ class PPOConfig:
         for name in ("learning_rate", "clip_epsilon", "critic_coeff", "max_grad_norm"):
             value = getattr(self, name)
             _check(self, name, math.isfinite(value) and value > 0, "a number above 0")
-        entropy = self.entropy_coeff
-        _check(self, "entropy_coeff", math.isfinite(entropy) and entropy >= 0, "at least 0")
+        for name in ("entropy_coeff", "entropy_coeff_end"):
+            value = getattr(self, name)
+            _check(self, name, value is None or (math.isfinite(value) and value >= 0), "at least 0")
+        kl = self.target_kl
+        _check(self, "target_kl", kl is None or (math.isfinite(kl) and kl > 0), "a number above 0")
         for name in ("gamma", "gae_lambda"):
             _check(self, name, 0 <= getattr(self, name) <= 1, "in [0, 1]")
         size = self.minibatch_size

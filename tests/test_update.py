@@ -141,7 +141,7 @@ def test_the_learning_rate_falls_linearly_to_zero():
     ppo = make_ppo(total_frames=1000, learning_rate=0.1)
     rates = []
     for ppo.frames in (0, 250, 1000, 1200):
-        rates.append(ppo._set_learning_rate())
+        rates.append(ppo._set_schedules())
         assert ppo.optimizer.param_groups[0]["lr"] == rates[-1]
     assert rates == pytest.approx([0.1, 0.075, 0.0, 0.0])
     constant = make_ppo(total_frames=1000, learning_rate=0.1, anneal_learning_rate=False)
@@ -171,3 +171,66 @@ def test_a_step_that_is_not_finite_is_not_taken(broken):
         update(ppo.loss, ppo.optimizer, minibatch, 1.0)
     for old, new in zip(before, ppo.model.parameters(), strict=True):
         assert torch.equal(old, new)
+
+
+def make_batch(ppo, num_envs=2, num_steps=8):
+    """A batch as a collector hands it over, of an environment that pays at random."""
+    torch.manual_seed(2)
+    shape = (num_envs, num_steps)
+    batch = TensorDict(observation=torch.randn(*shape, 3), batch_size=shape)
+    ppo.model.get_collection_policy()(batch)
+    ended = torch.zeros(*shape, 1, dtype=torch.bool)
+    batch["next"] = TensorDict(
+        observation=torch.randn(*shape, 3),
+        reward=torch.randn(*shape, 1),
+        done=ended,
+        terminated=ended.clone(),
+        batch_size=shape,
+    )
+    return batch
+
+
+def updates_of(ppo, monkeypatch):
+    """How many gradient steps it takes for a batch."""
+    taken = []
+    monkeypatch.setattr(
+        "fbrl.ppo.algorithm.update", lambda *args: taken.append(None) or update(*args)
+    )
+    ppo.learn(make_batch(ppo))
+    return len(taken)
+
+
+SMALL = {"num_envs": 2, "num_steps": 8, "num_minibatches": 4, "learning_rate": 0.03}
+
+
+def test_epochs_end_when_the_policy_has_gone_too_far(monkeypatch):
+    assert updates_of(make_ppo(num_epochs=5, **SMALL), monkeypatch) == 20
+    assert updates_of(make_ppo(num_epochs=5, target_kl=1e-6, **SMALL), monkeypatch) == 4
+    assert updates_of(make_ppo(num_epochs=5, target_kl=1e6, **SMALL), monkeypatch) == 20
+
+
+def test_the_weight_of_the_entropy_goes_linearly_to_its_end():
+    ppo = make_ppo(entropy_coeff=0.4, entropy_coeff_end=0.2, total_frames=32, **SMALL)
+    weights = []
+    while ppo.frames < 32:
+        ppo.learn(make_batch(ppo))
+        weights.append(ppo.loss.entropy_coeff.item())
+    assert weights == pytest.approx([0.4, 0.3])
+
+
+def test_the_weight_of_the_entropy_stays_by_default():
+    ppo = make_ppo(entropy_coeff=0.4, total_frames=16, **SMALL)
+    ppo.learn(make_batch(ppo))
+    assert ppo.loss.entropy_coeff.item() == pytest.approx(0.4)
+
+
+def test_large_errors_of_the_critic_count_linearly_with_huber():
+    ppo = make_ppo(value_loss="huber")
+    minibatch = make_minibatch(ppo)
+    minibatch["value_target"] *= 10
+    with torch.no_grad():
+        value = ppo.model(minibatch.select("observation"))["state_value"]
+    error = (value - minibatch["value_target"]).abs().double().numpy()
+    expected = ppo.config.critic_coeff * np.where(error < 1, error**2 / 2, error - 0.5).mean()
+    losses = update(ppo.loss, ppo.optimizer, minibatch, 1.0)
+    assert losses["value_loss"].item() == pytest.approx(expected, rel=1e-5)

@@ -15,6 +15,9 @@ from fbrl.models.actor_critic import ActorCritic
 from fbrl.ppo.advantages import add_advantages, explained_variance
 from fbrl.ppo.update import minibatches, update
 
+_CRITIC_LOSSES = {"l2": "l2", "huber": "smooth_l1"}
+"""TorchRL's names of them."""
+
 
 class PPO:
     """Collects batches and learns from them; training is ``collect`` and ``learn`` in turn.
@@ -57,7 +60,7 @@ class PPO:
             clip_epsilon=config.clip_epsilon,
             entropy_coeff=config.entropy_coeff,
             critic_coeff=config.critic_coeff,
-            loss_critic_type="l2",
+            loss_critic_type=_CRITIC_LOSSES[config.value_loss],
             normalize_advantage=config.normalize_advantage,
             # Nothing here needs the parameters apart from their modules, which costs time.
             functional=False,
@@ -87,7 +90,7 @@ class PPO:
             ``explained_variance`` and ``learning_rate``.
         """
         config = self.config
-        learning_rate = self._set_learning_rate()
+        learning_rate = self._set_schedules()
         add_advantages(
             batch,
             self.model.get_value_operator(),
@@ -96,11 +99,17 @@ class PPO:
         )
         # All at once, and no observation of a following step, so that a GPU waits once.
         flat = batch.select(*self._learned_keys).reshape(-1).to(self.device)
-        steps = [
-            update(self.loss, self.optimizer, minibatch, config.max_grad_norm)
-            for _ in range(config.num_epochs)
-            for minibatch in minibatches(flat, config.frames_per_minibatch)
-        ]
+        steps: list[TensorDictBase] = []
+        for _ in range(config.num_epochs):
+            epoch = [
+                update(self.loss, self.optimizer, minibatch, config.max_grad_norm)
+                for minibatch in minibatches(flat, config.frames_per_minibatch)
+            ]
+            steps += epoch
+            # Reading it makes a GPU wait.
+            kl = 0.0 if config.target_kl is None else TensorDict.stack(epoch)["approx_kl"].mean()
+            if kl > (config.target_kl or 0.0):
+                break
         self.frames += batch.numel()
         means = TensorDict.stack(steps).mean(0)
         means["explained_variance"] = explained_variance(flat)
@@ -124,11 +133,13 @@ class PPO:
         self.model.load_state_dict(state["model"])
         self.optimizer.load_state_dict(state["optimizer"])
 
-    def _set_learning_rate(self) -> float:
-        """The rate falls linearly with the frames learned from before this batch."""
-        learning_rate = self.config.learning_rate
-        if self.config.anneal_learning_rate:
-            learning_rate *= max(0.0, 1 - self.frames / self.config.total_frames)
+    def _set_schedules(self) -> float:
+        """The rate and the entropy's weight go linearly with the frames before this batch."""
+        config, left = self.config, max(0.0, 1 - self.frames / self.config.total_frames)
+        learning_rate = config.learning_rate * (left if config.anneal_learning_rate else 1)
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate
+        if config.entropy_coeff_end is not None:
+            end = config.entropy_coeff_end
+            self.loss.entropy_coeff.fill_(end + (config.entropy_coeff - end) * left)
         return learning_rate
