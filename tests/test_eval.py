@@ -48,7 +48,7 @@ def test_a_checkpoint_that_fits_no_training_is_refused(shooter, tmp_path, change
     elif change == "no model":
         del content["model"]
     elif change == "other network":
-        content["config"] = {**content["config"], "hidden_sizes": [16]}
+        content["config"] = {**content["config"], "network_options": {"hidden_sizes": [16]}}
     else:
         content["config"] = {**content["config"], "colour": "red"}
     save_checkpoint(tmp_path / "odd.pt", **content)
@@ -180,7 +180,7 @@ def test_configurations_that_differ_in_more_than_the_seed_are_named_in_the_table
     report = json.loads((tmp_path / "out.json").read_text())
     assert [row["configuration"] for row in report["results"]] == [
         "analytics, density as shipped",
-        "analytics, density uniform",
+        "analytics, reward.density uniform",
     ]
     assert report["seeds"] == []
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from written_runs import GOALS, write_run, write_table
 
 from fbrl.analysis.results import (
+    THESIS,
     Published,
     Result,
     ResultsError,
@@ -21,6 +24,7 @@ from fbrl.analysis.run_groups import group_runs
 from fbrl.analysis.run_log import read_run_log
 from fbrl.checks.names import UnknownNameError
 
+SHARED = Path(__file__).parents[2] / "shared"
 CORNER, SHOOT = "academy_corner", "academy_pass_and_shoot_with_keeper"
 
 
@@ -42,6 +46,16 @@ def groups(tmp_path):
         return group_runs(runs, always=("reward",))
 
     return groups
+
+
+def test_the_shipped_numbers_are_those_of_the_thesis():
+    with (SHARED / "thesis" / "results.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["goal_difference"]]
+    expected = {(row["scenario"], row["reward"], float(row["goal_difference"])) for row in rows}
+    shipped = read_published(Path(THESIS), "goal-difference")
+    assert {(row.scenario, row.reward, row.value) for row in shipped} == expected
+    assert len(shipped) == len(rows) == 8
+    assert {row.model.split(",")[0] for row in shipped} == {"thesis", "Kurach et al."}
 
 
 class TestRuns:

@@ -146,7 +146,7 @@ def test_the_learning_rate_falls_linearly_to_zero():
     assert rates == pytest.approx([0.1, 0.075, 0.0, 0.0])
     constant = make_ppo(total_frames=1000, learning_rate=0.1, anneal_learning_rate=False)
     constant.frames = 900
-    assert constant._set_learning_rate() == 0.1
+    assert constant._set_schedules() == 0.1
 
 
 def test_a_uniform_policys_entropy_is_the_logarithm_of_the_number_of_actions():

@@ -82,13 +82,14 @@ def published_beside(
     Args:
         ours: Our results.
         published: The numbers.
-        name: Whose they are.
+        name: Whose they are that don't say it themselves.
     """
     scenarios = {result.scenario for result in ours}
+    beside = [row for row in published if row.scenario in scenarios]
+    agents = [f"{row.reward} ({row.model or name})" for row in beside]
     return [
-        PooledResult(row.scenario, f"{row.reward} ({name})", row.reward, row.value, None, None, ())
-        for row in published
-        if row.scenario in scenarios
+        PooledResult(row.scenario, agent, row.reward, row.value, None, None, ())
+        for row, agent in zip(beside, agents, strict=True)
     ]
 
 

@@ -56,6 +56,11 @@ class Published:
     scenario: str
     reward: str
     value: float
+    model: str = ""
+
+
+THESIS = "thesis"
+"""The name of the published numbers that fbrl ships."""
 
 
 def final_goal_differences(groups: Iterable[RunGroup]) -> list[Result]:
@@ -124,15 +129,18 @@ def read_published(path: Path, measure: str) -> list[Published]:
     """Numbers from elsewhere, such as those of a publication.
 
     Args:
-        path: A table with the columns ``scenario``, ``reward`` and ``value``, and, where it has
-            more than one measure, ``measure``. Values are goal differences per match, or
-            environment frames for the measure convergence.
+        path: :data:`THESIS`, or a table with the columns ``scenario``, ``reward`` and ``value``,
+            and, where it has more than one measure, ``measure``; ``model`` says whose a number is.
+            Values are goal differences per match, or environment frames for the measure
+            convergence.
         measure: The rows that are taken, if the table has that column.
 
     Raises:
         ResultsError: The table is missing or damaged, or has no row of the measure.
         UnknownNameError: A scenario, reward or measure in it does not exist.
     """
+    if str(path) == THESIS:
+        path = Path(__file__).with_name("thesis.csv")
     rows = _read_rows(path, ("reward", "value"))
     for row in rows:
         try:
@@ -144,7 +152,8 @@ def read_published(path: Path, measure: str) -> list[Published]:
     if not chosen:
         raise ResultsError(f"{path} has no row of the measure {measure}.")
     return [
-        Published(row["scenario"], row["reward"], _number(path, row, "value")) for row in chosen
+        Published(row["scenario"], row["reward"], _number(path, row, "value"), row.get("model", ""))
+        for row in chosen
     ]
 
 

@@ -34,18 +34,19 @@ Draw bars for each scenario and reward, as in the thesis's Figures 6.1 to 6.3. T
 
   fbrl-plot bars runs/*/* --measure convergence --threshold 0.3 --out frames.png
 
-  fbrl-plot bars others.csv --measure generalisation --reference thesis.csv --out others.svg
+  fbrl-plot bars others.csv --measure generalisation --reference mine.csv --out others.svg
 
 Bars are the plain mean of the seeds, as publications give it for a scenario, and the median for
 convergence. (fbrl-eval pools seeds and scenarios together into the interquartile mean.)
 
-Published numbers stand beside ours as hatched bars where a table gives them:
+Published numbers stand beside ours as hatched bars: those that the thesis gives, its own and those
+of the environment's authors (Kurach et al.), with --reference thesis, or a table's:
 
-  scenario,reward,value,measure
-  academy_corner,checkpoints,PUBLISHED_NUMBER,goal-difference
+  scenario,reward,value,measure,model
+  academy_corner,checkpoints,PUBLISHED_NUMBER,goal-difference,Somebody et al.
 
-The column measure may be left out. Values are goals per match, or frames for convergence; the
-file's name without its ending stands in the legend."""
+The columns measure and model may be left out. Values are goals per match, or frames for
+convergence; the model, or the file's name without its ending, stands in the legend."""
 
 
 def add_bars(commands: Any) -> None:
@@ -69,7 +70,7 @@ def add_bars(commands: Any) -> None:
         default=MODES[0],
         help="rows that are taken from tables (default: %(default)s)",
     )
-    bars.add_argument("--reference", type=Path, metavar="FILE", help="table of published numbers")
+    bars.add_argument("--reference", type=Path, metavar="thesis|FILE", help="published numbers")
     bars.add_argument("--title", default="", help="above the figure")
     add_threshold(bars, "goal difference that counts as converged; convergence needs it")
     add_figure_option(bars)
