@@ -29,10 +29,10 @@ class AssistDensityReward(ShapedReward):
 
     with the ball's position :math:`b'` in s', the densities of where goal-assisting passes start
     and end, :math:`f_{start} \in [0, 0.001]` and :math:`f_{end} \in [0, 0.1]` for the shipped pair,
-    and :math:`\mathrm{active}(s') = 1` if the controlled player has the ball. These are equations 4.1
-    to 4.9 of a thesis of the University of Groningen, *Enhancing football simulation performance in
-    deep reinforcement learning through analytics-based dense reward shaping*. The scoring reward R is
-    unchanged.
+    and :math:`\mathrm{active}(s') = 1` if the controlled player has the ball. These are equations
+    4.1 to 4.9 of a thesis of the University of Groningen, *Enhancing football simulation
+    performance in deep reinforcement learning through analytics-based dense reward shaping*. The
+    scoring reward R is unchanged.
 
     ``transition(s, s')`` says that the controlled player received a pass:
 
