@@ -44,7 +44,9 @@ void write(const Match &match, int index, const Rows &rows) {
 void begin_prepared(Slot &slot) { slot.match.reset(slot.prepared->config); }
 
 void sleep(const Disturbance &disturbance) {
-  thread_local std::minstd_rand random{std::random_device{}()};
+  // Not std::random_device, whose arc4random only systems from glibc 2.36 on have.
+  const auto seed = std::hash<std::thread::id>{}(std::this_thread::get_id());
+  thread_local std::minstd_rand random{static_cast<std::minstd_rand::result_type>(seed)};
   std::uniform_real_distribution<double> centred(-1, 1);
   auto time = disturbance.sleep + disturbance.spread * centred(random);
   const int steps = disturbance.steps_per_reset;
