@@ -306,6 +306,7 @@ def test_a_failed_step_shows_its_log_and_a_remedy(clone: Path) -> None:
         ("c++: fatal error: Killed signal terminated program cc1plus", "free some memory"),
         ("[Errno -3] Temporary failure in name resolution", "check the network"),
         ("E: Unable to locate package libsdl2-gfx-dev", "package sources"),
+        ("cannot repair to ABI because of too-recent versioned symbols.", "build on an older one"),
         ("something nobody has seen", "read the log"),
     ],
 )

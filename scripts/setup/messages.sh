@@ -101,6 +101,7 @@ is expired \(invalid since|set the machine's clock, or apt's sources to a mirror
 Unable to locate package;has no installation candidate|enable the distribution's main (Ubuntu: main and universe) package sources, then run make setup again
 Unmet dependencies;unmet dependencies;dpkg was interrupted|sudo dpkg --configure -a && sudo apt-get -f install
 No matching distribution found|check the network and pip's index; if both work, the index has no such version for this Python, and another torch is chosen with make setup TORCH="torch==X.Y.Z"
+too-recent versioned symbols|this system is newer than auditwheel knows: build on an older one, or, for machines with this very system, install the file that scripts/setup.sh --engine-wheel names
 Permission denied|make the directory named in the log writable for this user, then run make setup again
 TABLE
   printf 'read the log above, then run make setup again\n'
