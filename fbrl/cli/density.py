@@ -99,7 +99,7 @@ def _info(options: argparse.Namespace) -> None:
 
     density = open_density(options.density)
     if options.json:
-        print(json.dumps(_facts(density), indent=2, ensure_ascii=False))
+        print(json.dumps(_facts(density), indent=2))
     else:
         _print_density(density)
 

@@ -85,10 +85,10 @@ def _plot_passes(options: argparse.Namespace) -> None:
     reading = read_passes(options, pass_filter(options))
     if not reading.rows:
         raise ValueError(f"No pass is left to draw ({reading.description}). Use a wider filter.")
-    print_counts(reading)
     source = options.source or " and ".join(reading.counts)
     title = f"{source}: {len(reading.rows)} {options.passes.replace('-', ' ')}"
     write_figure(options, passes_figure(reading.rows, title, options.credit))
+    print_counts(reading)
 
 
 def _plot_densities(options: argparse.Namespace) -> None:
@@ -113,12 +113,12 @@ def _plot_agent(options: argparse.Namespace) -> None:
     check_installed()  # before the matches
     density = open_density(options.density)
     positions = _read_positions(options) if options.run is None else _play(options)
-    console().print(f"{len(positions)} steps with the ball")
     if options.run is None:
         title = "Where the agent has the ball"
     else:
         title = f"Where the agent has the ball, {options.episodes} matches"
     write_figure(options, agent_figure(positions, density, options.title or title))
+    console().print(f"{len(positions)} steps with the ball")
 
 
 def _read_positions(options: argparse.Namespace) -> NDArray[np.float64]:
@@ -128,10 +128,11 @@ def _read_positions(options: argparse.Namespace) -> NDArray[np.float64]:
 
 
 def _play(options: argparse.Namespace) -> NDArray[np.float64]:
+    from fbrl.cli.playing import playing
     from fbrl.evaluation.possession import ball_positions
     from fbrl.figures.positions import write_positions
 
-    with Console(stderr=True).status("Playing") as status:
+    with playing(DENSITY_PROGRAM), Console(stderr=True).status("Playing") as status:
         positions = ball_positions(
             options.run,
             options.episodes,

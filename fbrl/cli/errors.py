@@ -5,13 +5,18 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
-import os
 import re
 import sys
 from collections.abc import Iterator
 from typing import Any, NoReturn
 
+from fbrl.cli.lasting_output import lasting_streams
+from fbrl.cli.signals import raising_keyboard_interrupt
+
 BAD_USAGE = 2
+
+FAILED = 1
+"""Exit code where what was asked for could not be done, for no fault of the input's."""
 
 INTERRUPTED = 130
 """Exit code of a command that a signal ended, as shells give it."""
@@ -41,22 +46,27 @@ class Parser(argparse.ArgumentParser):
 
 @contextlib.contextmanager
 def ending_when_interrupted(program: str, remark: str = "interrupted") -> Iterator[None]:
-    """Answers an interruption with one line on stderr and exit code 130.
+    """Answers SIGINT and SIGTERM with one line on stderr and exit code 130.
 
-    A reader of the output that has gone, such as ``head``, ends the program without a word.
+    Prints that can't be written end nothing, so that a command's files are written in any case.
+    Its exit code is 1 then; of a reader that has gone, such as ``head``, nothing is said.
     """
-    try:
+
+    def tell() -> None:
+        print(f"{program}: {remark}", file=sys.stderr, flush=True)
+
+    with lasting_streams() as output:
         try:
-            yield
-        finally:
-            sys.stdout.flush()
-    except BrokenPipeError:
-        # Python flushes standard output once more when it ends, and would complain then.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
-    except KeyboardInterrupt:
-        print(f"{program}: {remark}", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+            with raising_keyboard_interrupt(tell, INTERRUPTED):
+                yield
+        except KeyboardInterrupt:
+            tell()
+            sys.exit(INTERRUPTED)
+        output.flush()
+        if isinstance(output.error, BrokenPipeError):
+            sys.exit(FAILED)
+        if output.error is not None:
+            fail(program, f"standard output can't be written ({output.error.strerror}).", FAILED)
 
 
 @contextlib.contextmanager
@@ -64,8 +74,6 @@ def ending_on_bad_input(program: str) -> Iterator[None]:
     """Answers what bad input raises, and what is not installed, with one line and exit code 2."""
     try:
         yield
-    except BrokenPipeError:  # of the output, see above
-        raise
     except (ValueError, OSError, ImportError) as error:
         fail(program, error)
 

@@ -143,11 +143,11 @@ def _main(options: argparse.Namespace) -> None:
     if not options.runs and not scenarios:
         raise ValueError("A policy alone has no scenario it was trained on: add --scenario.")
     report = _evaluate(options, scenarios)
-    print_report(report)
     if options.json is not None:
         _write(options.json, json.dumps(report, indent=2) + "\n")
     if options.csv is not None:
         _write(options.csv, _csv_table(report["results"]))
+    print_report(report)
 
 
 def _evaluate(options: argparse.Namespace, scenarios: Sequence[str]) -> dict[str, Any]:
@@ -198,6 +198,7 @@ def _play_all(
     options: argparse.Namespace,
     device: torch.device,
 ) -> list[Row]:
+    from fbrl.cli.playing import playing
     from fbrl.evaluation.comparison import configurations, play, result_row
 
     labels = configurations(policies)
@@ -205,7 +206,7 @@ def _play_all(
     trained_on = [c.config.scenario for c in policies if c.config is not None]
     everywhere = scenarios or list(dict.fromkeys(trained_on))
     rows = []
-    with EvaluationProgress(options.episodes) as progress:
+    with playing(PROGRAM), EvaluationProgress(options.episodes) as progress:
         for evaluated in policies:
             own = [evaluated.config.scenario] if evaluated.config is not None else everywhere
             for scenario in scenarios or own:

@@ -97,15 +97,16 @@ def _bars(options: argparse.Namespace) -> None:
         for path in tables:
             results += read_table(path, options.measure, options.mode)
     bars = pool_results(results, options.measure)
+    left_out = 0
     if options.reference is not None:
         published = read_published(options.reference, options.measure)
         bars += published_beside(bars, published, options.reference.stem)
         left_out = len({row.scenario for row in published} - {bar.scenario for bar in bars})
-        if left_out:
-            scenarios = count(left_out, "scenario")
-            console().print(f"{options.reference} has {scenarios} that ours don't play.")
-    _print_bars(bars, options.measure)
     write_figure(options, bars_figure(bars, options.measure, options.title))
+    if left_out:
+        scenarios = count(left_out, "scenario")
+        console().print(f"{options.reference} has {scenarios} that ours don't play.")
+    _print_bars(bars, options.measure)
 
 
 def _check_sources(options: argparse.Namespace) -> None:

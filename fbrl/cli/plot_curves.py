@@ -77,6 +77,8 @@ def _curves(options: argparse.Namespace) -> None:
         )
     groups = _relabel(single_runs(runs) if options.each else group_runs(runs), options.label)
     curves = [learning_curve(group, options.metric, options.smooth) for group in groups]
+    title = options.title if options.title is not None else scenarios[0]
+    write_figure(options, learning_curves_figure(curves, options.metric, title, options.threshold))
     for group, curve in zip(groups, curves, strict=True):
         console().print(
             f"{group.label}: {count(curve.seeds, 'seed')}, {curve.mean[-1]:.3f} at "
@@ -84,8 +86,6 @@ def _curves(options: argparse.Namespace) -> None:
         )
         _tell_convergence(group, options)
         _tell_cut(group, curve.frames[-1], options.metric)
-    title = options.title if options.title is not None else scenarios[0]
-    write_figure(options, learning_curves_figure(curves, options.metric, title, options.threshold))
 
 
 def _relabel(groups: Sequence[RunGroup], labels: Sequence[str] | None) -> list[RunGroup]:

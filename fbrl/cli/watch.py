@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
-import signal
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -52,8 +52,6 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command; ends the process with 0, 2 on bad input, or 130 if interrupted."""
-    # Whoever ends the command, it tidies up behind itself.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with ending_when_interrupted(PROGRAM), ending_on_bad_input(PROGRAM):
         options = _parser().parse_args(arguments)
         preload_tcmalloc(PROGRAM)
@@ -172,10 +170,14 @@ def _check(options: argparse.Namespace) -> None:
 
 def _make_video(options: argparse.Namespace) -> tuple[int, int]:
     """Plays, draws and writes; returns the numbers of matches and of frames."""
+    from fbrl.cli.playing import playing
     from fbrl.watch.replay_file import save_replay
     from fbrl.watch.views import open_view
 
-    with WatchDisplay() as display:
+    with contextlib.ExitStack() as stack:
+        if options.replay is None:
+            stack.enter_context(playing(PROGRAM))
+        display = stack.enter_context(WatchDisplay())
         matches, density = _matches(options, display)
         shown: list[MatchRecording] = []
         with open_view(options.view, options.width, density) as view:
