@@ -75,6 +75,30 @@ def run_program(tmp_path):
 
 
 @pytest.fixture
+def own_scenarios(tmp_path):
+    """Gives a gfootball more scenarios, from their text, and leaves the installed one as it is.
+
+    Returns the environment of a process that imports it.
+    """
+
+    def add(texts):
+        package = Path(importlib.util.find_spec("gfootball").origin).parent
+        scenarios = tmp_path / "own" / "gfootball" / "scenarios"
+        scenarios.mkdir(parents=True)
+        for folder in (package, package / "scenarios"):
+            for path in folder.iterdir():
+                link = tmp_path / "own" / "gfootball" / path.relative_to(package)
+                if not link.exists():
+                    link.symlink_to(path)
+        for name, text in texts.items():
+            (scenarios / f"{name}.py").write_text(text)
+        paths = [str(tmp_path / "own"), *sys.path]
+        return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+
+    return add
+
+
+@pytest.fixture
 def run_main(capsys):
     """Runs the main function of one of fbrl's commands in this process."""
 

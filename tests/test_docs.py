@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import importlib.util
-import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,19 +151,10 @@ def test_the_table_of_what_may_change_has_the_options_of_resume():
     assert set(re.findall(r"--[a-z-]+", cells)) == as_options(CHANGEABLE_ON_RESUME)
 
 
-def test_the_scenario_of_ones_own_is_played(tmp_path):
+def test_the_scenario_of_ones_own_is_played(own_scenarios):
     text = (DOCS / "environment.md").read_text().split("### A scenario of your own")[1]
-    package = Path(importlib.util.find_spec("gfootball").origin).parent
-    scenarios = tmp_path / "gfootball" / "scenarios"
-    scenarios.mkdir(parents=True)
-    # A gfootball with one more scenario, so that the installed one stays as it is.
-    for folder in (package, package / "scenarios"):
-        for path in folder.iterdir():
-            link = tmp_path / "gfootball" / path.relative_to(package)
-            if not link.exists():
-                link.symlink_to(path)
     code = re.search(r"```python\n(.*?)```", text, flags=re.DOTALL).group(1)
-    (scenarios / "my_2_vs_1.py").write_text(code)
+    environment = own_scenarios({"my_2_vs_1": code})
     program = """
 from fbrl.presets import preset_config
 from fbrl.envs import FootballEnv
@@ -177,10 +165,9 @@ env.step(5)
 players = [int((observation[f"{side}_team_roles"] >= 0).sum()) for side in ("left", "right")]
 print(players)
 """
-    paths = [str(tmp_path), *sys.path]
     done = subprocess.run(
         [sys.executable, "-c", program],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        env=environment,
         capture_output=True,
         text=True,
         timeout=60,

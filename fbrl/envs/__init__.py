@@ -12,6 +12,7 @@ from fbrl.envs.actions import ACTION_NAMES
 from fbrl.envs.football import FootballEnv
 from fbrl.envs.gfootball_import import EngineNotInstalledError
 from fbrl.envs.observation import OBSERVATION_SPACE
+from fbrl.envs.scenario_check import ScenarioError
 from fbrl.envs.scenarios import SCENARIOS, Scenario
 from fbrl.envs.vector_env import FootballVectorEnv
 
@@ -26,6 +27,7 @@ __all__ = [
     "FootballEnv",
     "FootballVectorEnv",
     "Scenario",
+    "ScenarioError",
     "UnknownNameError",
     "make_env",
 ]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.scenario_check import ScenarioError, check_scenario_config
 
 NUM_ACTIONS = 19
 BUILTIN_AI = NUM_ACTIONS
@@ -28,13 +30,23 @@ def build_scenario(scenario: str, seed: int, episode_number: int) -> Any:
 
     Raises:
         EngineNotInstalledError: The engine can't be imported.
+        ScenarioError: The scenario's file fails, or asks for what the engine can't play.
     """
-    config = load_gfootball().config.Config(
-        {
-            "level": scenario,
-            "game_engine_random_seed": seed,
-            # gfootball adds one before it builds the scenario.
-            "episode_number": episode_number - 1,
-        }
-    )
-    return config.ScenarioConfig()
+    values = {
+        "level": scenario,
+        "game_engine_random_seed": seed,
+        # gfootball adds one before it builds the scenario.
+        "episode_number": episode_number - 1,
+    }
+    make_config = load_gfootball().config.Config
+    try:
+        # Before gfootball does it, which answers what can't be imported by ending the process.
+        importlib.import_module(f"gfootball.scenarios.{scenario}")
+        config = make_config(values).ScenarioConfig()
+    except Exception as error:  # it is the user's own code
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ScenarioError(
+            f"The file of the scenario {scenario!r} fails ({reason}). Correct it."
+        ) from error
+    check_scenario_config(scenario, config)
+    return config

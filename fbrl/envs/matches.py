@@ -104,7 +104,7 @@ class Matches:
         """Says which episode a match begins next; see :func:`fbrl.envs.engine.build_scenario`.
 
         Raises:
-            ValueError: The engine can't play the scenario.
+            ScenarioError: The engine can't play the scenario, or its file fails.
         """
         config = build_scenario(self.scenario, seed, episode_number)
         self.native.prepare(match, config, seed, episode_number)
