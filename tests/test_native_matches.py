@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import threading
+import weakref
 
 import numpy as np
 import pytest
+from torchrl.envs import GymEnv
 
-from fbrl.envs import OBSERVATION_SPACE
+from fbrl.envs import OBSERVATION_SPACE, make_env
 from fbrl.envs.engine import FIRST_EPISODE, build_scenario
 from fbrl.envs.gfootball_import import load_gfootball
 from fbrl.envs.matches import Matches
@@ -207,3 +210,25 @@ def test_threads_do_not_change_what_is_played(num_threads):
             np.testing.assert_array_equal(parallel.arrays[key], array)
     serial.close()
     parallel.close()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: make_env("academy_empty_goal", num_envs=2, seed=0),
+        lambda: GymEnv("fbrl/academy_empty_goal-v0"),
+    ],
+    ids=["make_env", "GymEnv"],
+)
+def test_environments_that_are_dropped_without_close_hand_their_engines_on(make):
+    gc.collect()
+    gc.disable()  # as if Python did not look for cycles in all that time
+    try:
+        dropped = []
+        for _ in range(4):
+            env = make()
+            env.rollout(3)
+            dropped.append(weakref.ref(env))
+        assert sum(one() is not None for one in dropped) <= 2
+    finally:
+        gc.enable()

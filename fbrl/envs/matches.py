@@ -7,6 +7,8 @@ played through gfootball's own Python environment.
 
 from __future__ import annotations
 
+import gc
+import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -44,6 +46,9 @@ class MatchState:
     previous_score_difference: int
     previous_game_mode: int
     previous_ball_owned_team: int
+
+
+_open_matches: weakref.WeakSet[Matches] = weakref.WeakSet()
 
 
 def empty_arrays(spaces: Mapping[str, Space[Any]], *leading: int) -> dict[str, Any]:
@@ -90,6 +95,11 @@ class Matches:
         drawn_keys: Iterable[str] = (),
     ) -> None:
         engine = load_gfootball().engine
+        if _open_matches:
+            # TorchRL's environments are reference cycles, which Python may not look for in a long
+            # time: those that were dropped without close() hand their engines on first.
+            gc.collect()
+        _open_matches.add(self)
         self.scenario = scenario
         self.native = engine.Matches(scenario, num_matches, num_threads)
         self._keys = list(keys)
@@ -175,4 +185,5 @@ class Matches:
 
     def close(self) -> None:
         """Ends the threads; the matches can't be used any more."""
+        _open_matches.discard(self)
         self.native.close()
