@@ -76,7 +76,7 @@ def test_its_training_goes_on_without_the_file(run, tmp_path):
     result = train(dataclasses.replace(before, run_dir=copied, ppo=longer), resume=True)
     assert result.frames == 32
     assert_mirrored(AssistDensity.load(copied / DENSITY_NAME))
-    assert read_run_log(copied).config.density == before.density
+    assert read_run_log(copied).config.reward_options == before.reward_options
 
 
 def test_a_checkpoint_that_lies_alone_asks_for_the_file(run, tmp_path):
