@@ -19,8 +19,7 @@ from pathlib import Path
 from grid import Point, read_grid
 
 from fbrl.cli.arguments import number_from_zero, positive_integer
-from fbrl.cli.errors import INTERRUPTED, Parser, ending_when_interrupted, fail
-from fbrl.cli.train import FAILED
+from fbrl.cli.errors import FAILED, INTERRUPTED, Parser, ending_when_interrupted, fail
 from fbrl.collect.ray_cluster import connected_to_ray
 from fbrl.config import ConfigError
 from fbrl.training.interrupt import Interrupt, Interrupted

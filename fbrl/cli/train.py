@@ -17,7 +17,7 @@ from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
 from fbrl.checks.names import UnknownNameError
-from fbrl.cli.errors import INTERRUPTED, ending_when_interrupted, fail
+from fbrl.cli.errors import FAILED, INTERRUPTED, ending_when_interrupted, fail
 from fbrl.cli.lasting_output import lasting_output
 from fbrl.cli.train_display import TrainDisplay, resume_command, tensorboard_command
 from fbrl.cli.train_options import parse_resume, parse_training
@@ -28,10 +28,6 @@ if TYPE_CHECKING:
     from fbrl.training import TrainResult
 
 PROGRAM = "fbrl-train"
-
-FAILED = 1
-"""Exit code of a training that diverged, can't be saved or hangs."""
-
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command.
