@@ -6,7 +6,7 @@ imported before an environment is made.
 
 import gymnasium
 
-from fbrl.envs.scenarios import SCENARIOS
+from fbrl.scenarios import SCENARIOS
 
 __version__ = "0.1.0"
 

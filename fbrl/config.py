@@ -23,7 +23,7 @@ from fbrl.components import (
     Registry,
     module_of,
 )
-from fbrl.envs.scenarios import check_scenario
+from fbrl.scenarios import check_scenario
 
 _HOW = {"is_how": True, "may_change": True}
 _MAY_CHANGE = {"may_change": True}

@@ -7,7 +7,7 @@ from typing import Any
 
 from fbrl.checks.names import check_name
 from fbrl.config import PPOConfig, TrainConfig, check_types
-from fbrl.envs.scenarios import SCENARIOS
+from fbrl.scenarios import SCENARIOS
 
 PRESETS = {
     "light": "simple115 and a small network, trains at the engine's speed on a CPU",

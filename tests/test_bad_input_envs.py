@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from fbrl.envs import FootballEnv, FootballVectorEnv, UnknownNameError, make_env
-from fbrl.envs.scenarios import check_scenario, expand_scenarios
 from fbrl.evaluation.evaluation import evaluate
 from fbrl.evaluation.policies import ConstantPolicy, make_policy
+from fbrl.scenarios import check_scenario, expand_scenarios
 from fbrl.transforms import AssistDensityReward, Simple115
 
 SCENARIO = "academy_empty_goal"

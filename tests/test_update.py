@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -234,3 +236,11 @@ def test_large_errors_of_the_critic_count_linearly_with_huber():
     expected = ppo.config.critic_coeff * np.where(error < 1, error**2 / 2, error - 0.5).mean()
     losses = update(ppo.loss, ppo.optimizer, minibatch, 1.0)
     assert losses["value_loss"].item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_importing_ppo_imports_nothing_of_football():
+    program = "import sys, fbrl.ppo; print(*[name for name in sys.modules if 'fbrl' in name])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    loaded = {name.split(".")[1] for name in done.stdout.split() if "." in name}
+    assert "ppo" in loaded
+    assert loaded & {"envs", "transforms", "density", "models", "collect", "drawing"} == set()

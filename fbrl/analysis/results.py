@@ -12,8 +12,8 @@ from fbrl.analysis.run_groups import RunGroup
 from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until
 from fbrl.checks.names import UnknownNameError, check_name
 from fbrl.components import REWARDS
-from fbrl.envs.scenarios import check_scenario
 from fbrl.run_files import EVALUATIONS_NAME
+from fbrl.scenarios import check_scenario
 
 MEASURES = ("goal-difference", "convergence", "generalisation")
 """What the thesis compares: its Figures 6.1 to 6.3."""

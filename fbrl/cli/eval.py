@@ -28,9 +28,9 @@ from fbrl.cli.arguments import (
 from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted
 from fbrl.cli.eval_display import EvaluationProgress, print_report
 from fbrl.cli.outputs import check_outputs
-from fbrl.envs.scenarios import SCENARIO_GROUPS, expand_scenarios
 from fbrl.files.atomic_write import atomic_write
 from fbrl.policy_names import MODES, POLICIES
+from fbrl.scenarios import SCENARIO_GROUPS, expand_scenarios
 
 if TYPE_CHECKING:
     import torch

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 PROGRAM = "fbrl-train"
 
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command.
 

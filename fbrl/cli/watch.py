@@ -19,8 +19,8 @@ from fbrl.cli.arguments import add_import, positive_integer, seed
 from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted, fail
 from fbrl.cli.outputs import check_outputs
 from fbrl.cli.watch_display import WatchDisplay
-from fbrl.envs.scenarios import check_scenario
 from fbrl.policy_names import MODES, POLICIES
+from fbrl.scenarios import check_scenario
 from fbrl.watch.video import check_video_packages, check_video_path, write_video
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from fbrl.envs.football import FootballEnv
 from fbrl.envs.gfootball_import import EngineNotInstalledError
 from fbrl.envs.observation import OBSERVATION_SPACE
 from fbrl.envs.scenario_check import ScenarioError
-from fbrl.envs.scenarios import SCENARIOS, Scenario
 from fbrl.envs.vector_env import FootballVectorEnv
+from fbrl.scenarios import SCENARIOS, Scenario
 
 if TYPE_CHECKING:
     from fbrl.envs.factory import make_env

@@ -22,7 +22,7 @@ from fbrl.envs.rendering import (
     check_render_mode,
     draw_from_above,
 )
-from fbrl.envs.scenarios import check_scenario
+from fbrl.scenarios import check_scenario
 
 
 class FootballEnv(gymnasium.Env[Observation, np.int64]):

@@ -21,7 +21,7 @@ from fbrl.envs.episode_seeds import EpisodeSeeds, spread_seed
 from fbrl.envs.matches import RESULTS, Matches, MatchState
 from fbrl.envs.observation import Observation, select_space
 from fbrl.envs.rendering import DRAWN_KEYS, RENDER_METADATA, check_render_mode, draw_from_above
-from fbrl.envs.scenarios import check_scenario
+from fbrl.scenarios import check_scenario
 
 ActionSet = Literal["default", "v2"]
 """Gfootball's names: 19 actions, or these and :data:`~fbrl.envs.engine.BUILTIN_AI`."""

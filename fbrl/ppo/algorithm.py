@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.objectives import ClipPPOLoss
 
-from fbrl.collect.collector import BatchCollector
 from fbrl.config import PPOConfig
-from fbrl.models.actor_critic import ActorCritic
 from fbrl.ppo.advantages import add_advantages, explained_variance
 from fbrl.ppo.update import minibatches, update
+
+if TYPE_CHECKING:
+    from fbrl.collect.collector import BatchCollector
+    from fbrl.models.actor_critic import ActorCritic
 
 _CRITIC_LOSSES = {"l2": "l2", "huber": "smooth_l1"}
 """TorchRL's names of them."""
