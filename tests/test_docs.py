@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import dataclasses
 import re
 import subprocess
@@ -191,3 +192,28 @@ def test_every_page_is_in_the_table_of_contents():
 
 def test_the_readme_is_short():
     assert len((REPOSITORY / "README.md").read_text().splitlines()) < 150
+
+
+def test_no_module_imports_one_of_a_later_layer():
+    text = (REPOSITORY / "CONTRIBUTING.md").read_text().split("## Where things are")[1]
+    layers = {
+        path: number
+        for number, line in enumerate(text.split("The same in one picture")[0].splitlines())
+        for path in re.findall(r"`(fbrl/[\w/.]+)`", line)
+    }
+
+    def layer(path: str) -> int:
+        return layers[max((known for known in layers if path.startswith(known)), key=len)]
+
+    wrong = []
+    for path in (REPOSITORY / "fbrl").rglob("*.py"):
+        name = path.relative_to(REPOSITORY).as_posix()
+        if name == "fbrl/__init__.py":
+            continue
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("fbrl."):
+                imported = node.module.replace(".", "/")
+                folder = (REPOSITORY / imported).is_dir()
+                if layer(imported + ("/" if folder else ".py")) > layer(name):
+                    wrong.append((name, node.module))
+    assert wrong == []

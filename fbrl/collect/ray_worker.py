@@ -14,7 +14,6 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 
-from fbrl.assembly import make_agent_env, make_model
 from fbrl.collect.collector import inference_threads
 from fbrl.collect.watchdog import Watchdog
 from fbrl.components import import_modules
@@ -92,6 +91,9 @@ class MakeMatches:
 
     def __call__(self) -> EnvBase:
         """Makes them."""
+        # Only in a worker: the one who sends this is imported by it.
+        from fbrl.assembly import make_agent_env
+
         import_modules(self.config.modules)
         return make_agent_env(
             self.config,
@@ -109,5 +111,7 @@ class MakePolicy:
 
     def __call__(self) -> CollectionPolicy:
         """Makes it."""
+        from fbrl.assembly import make_model
+
         import_modules(self.config.modules)
         return make_model(self.config, torch.device("cpu")).get_collection_policy()
