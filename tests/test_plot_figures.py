@@ -19,8 +19,8 @@ from fbrl.analysis.run_groups import RunGroup
 from fbrl.analysis.run_log import read_run_log
 from fbrl.checks.names import UnknownNameError
 from fbrl.figures.bars import bars_figure
+from fbrl.figures.curves import learning_curves_figure
 from fbrl.figures.files import save_figure
-from fbrl.figures.learning_curves import learning_curves_figure
 from fbrl.figures.style import COLOURS
 
 

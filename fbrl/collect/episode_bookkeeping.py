@@ -7,7 +7,7 @@ from tensordict import NestedKey, TensorDictBase
 
 from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
 from fbrl.transforms import PlayStatistics, ScoringReward
-from fbrl.transforms.along_time import totals_after_steps
+from fbrl.transforms.memory import totals_after_steps
 
 
 class EpisodeBookkeeping:

@@ -2,8 +2,8 @@
 
 from fbrl.density.assist import AssistDensity, DensityMetadata
 from fbrl.density.controls import open_density
+from fbrl.density.coordinates import pitch_from_statsbomb
 from fbrl.density.fit import fit_assist_density
-from fbrl.density.pitch import pitch_from_statsbomb
 from fbrl.density.position import PositionDensity
 
 __all__ = [

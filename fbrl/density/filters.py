@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from fbrl.checks.names import check_name
+from fbrl.density.coordinates import STATSBOMB_LENGTH
 from fbrl.density.passes import Pass, Passes
-from fbrl.density.pitch import STATSBOMB_LENGTH
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from fbrl.density.assist import AssistDensity, DensityMetadata
+from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH
 from fbrl.density.kde import (
     BandwidthRule,
     check_points,
@@ -24,7 +25,6 @@ from fbrl.density.kde import (
     kernel_covariance,
     kernel_sum,
 )
-from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH
 from fbrl.density.position import PositionDensity
 
 PEAK_START = 0.001

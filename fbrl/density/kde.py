@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
+from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
 
 BandwidthRule = Literal["thesis", "scipy-silverman", "scipy-scott"]
 """Named rules; a number is accepted wherever a rule is."""

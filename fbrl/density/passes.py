@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fbrl.density.pitch import STATSBOMB_LENGTH, STATSBOMB_WIDTH, pitch_from_statsbomb
+from fbrl.density.coordinates import STATSBOMB_LENGTH, STATSBOMB_WIDTH, pitch_from_statsbomb
 
 POSITION_COLUMNS = ("x", "y", "end_x", "end_y")
 

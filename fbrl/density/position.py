@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH
+from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH
 
 
 class PositionDensity(nn.Module):

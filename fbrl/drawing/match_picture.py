@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fbrl.density import AssistDensity
-from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
+from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
 from fbrl.drawing.canvas import Colour, circle, line, text
 from fbrl.drawing.header import Header
 from fbrl.drawing.pitch_background import LENGTH, MARGIN, WIDTH, pitch_background

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from mplsoccer import Pitch
 
 from fbrl.density import AssistDensity, PositionDensity
-from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
+from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
 
 LENGTH = 2 * HALF_LENGTH * METRES_PER_UNIT[0]
 """From goal line to goal line, metres."""

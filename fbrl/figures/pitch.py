@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fbrl.checks.extras import MissingExtraError, missing_packages
 from fbrl.density.assist import AssistDensity
+from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
 from fbrl.density.passes import Pass
-from fbrl.density.pitch import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
 from fbrl.density.position import PositionDensity
 
 if TYPE_CHECKING:

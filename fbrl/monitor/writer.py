@@ -15,8 +15,8 @@ from fbrl.checkpoint import CheckpointError
 from fbrl.config import TrainConfig
 from fbrl.monitor.event_file import EventFile
 from fbrl.monitor.layout import chart_layout
-from fbrl.monitor.names import ACTION_TAGS
 from fbrl.monitor.recent_matches import RecentMatches
+from fbrl.monitor.scalars import ACTION_TAGS
 from fbrl.monitor.services import open_service
 from fbrl.monitor.table import Table, drop_rows
 from fbrl.run_files import EVALUATIONS_NAME, FRAMES, METRICS_NAME

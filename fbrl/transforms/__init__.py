@@ -2,11 +2,11 @@
 
 from fbrl.transforms.action_masks import EngineActionMask, ExpertActionMask
 from fbrl.transforms.action_memory import ActionMemory
-from fbrl.transforms.along_time import Memory
 from fbrl.transforms.assist_potential import AssistDensityPotential
 from fbrl.transforms.assist_reward import AssistDensityReward
 from fbrl.transforms.ball_control import Observation, in_control
 from fbrl.transforms.checkpoint_reward import CheckpointReward
+from fbrl.transforms.memory import Memory
 from fbrl.transforms.minimap import MiniMapCells, SuperMiniMap
 from fbrl.transforms.play_statistics import PLAY_STATISTICS, PlayStatistics
 from fbrl.transforms.players import PLAYERS_FEATURES, Players

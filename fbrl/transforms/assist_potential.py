@@ -10,8 +10,8 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from fbrl.density import AssistDensity
-from fbrl.transforms.along_time import Memory
 from fbrl.transforms.ball_control import Observation, ball_lost, in_control
+from fbrl.transforms.memory import Memory
 from fbrl.transforms.reward_arguments import check_number, density_from
 from fbrl.transforms.shaped_reward import ShapedReward
 

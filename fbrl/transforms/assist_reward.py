@@ -11,8 +11,8 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from fbrl.density import AssistDensity
-from fbrl.transforms.along_time import Memory, latest_before_steps
 from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
+from fbrl.transforms.memory import Memory, latest_before_steps
 from fbrl.transforms.reward_arguments import check_number, density_from
 from fbrl.transforms.shaped_reward import ShapedReward
 

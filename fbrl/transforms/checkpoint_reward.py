@@ -8,8 +8,8 @@ import torch
 from tensordict import NestedKey
 from torch import Tensor
 
-from fbrl.transforms.along_time import Memory
 from fbrl.transforms.ball_control import Observation, in_control
+from fbrl.transforms.memory import Memory
 from fbrl.transforms.shaped_reward import ShapedReward
 
 NUM_CHECKPOINTS = 10

@@ -8,9 +8,9 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
-from fbrl.density.pitch import METRES_PER_UNIT
-from fbrl.transforms.along_time import latest_before_steps, totals_after_steps
+from fbrl.density.coordinates import METRES_PER_UNIT
 from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
+from fbrl.transforms.memory import latest_before_steps, totals_after_steps
 from fbrl.transforms.raw_observation import read_fields
 
 __all__ = ["PLAY_STATISTICS", "PlayStatistics"]

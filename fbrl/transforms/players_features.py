@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fbrl.density.pitch import HALF_LENGTH, METRES_PER_UNIT
+from fbrl.density.coordinates import HALF_LENGTH, METRES_PER_UNIT
 from fbrl.transforms.action_memory import KICKS
 from fbrl.transforms.players_table import (
     MATES,

@@ -11,8 +11,8 @@ from tensordict.utils import expand_as_right
 from torch import Tensor
 from torchrl.data import Composite, Unbounded
 
-from fbrl.transforms.along_time import Memory, memory_before_steps, unbind, where
 from fbrl.transforms.ball_control import Observation
+from fbrl.transforms.memory import Memory, memory_before_steps, unbind, where
 from fbrl.transforms.scoring_reward import ScoringReward
 
 

@@ -17,7 +17,7 @@ from fbrl.drawing.match_picture import (
     MatchPicture,
 )
 from fbrl.watch.panels import ActionPanel, RewardStrip
-from fbrl.watch.passes import CompletedPass, completed_passes
+from fbrl.watch.pass_lines import CompletedPass, completed_passes
 from fbrl.watch.recording import MatchRecording
 
 TRAIL_STEPS = 15
