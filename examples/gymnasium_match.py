@@ -23,7 +23,7 @@ def main() -> None:
         while not (terminated or truncated):
             action = SHOT if observation["ball"][0] > 0.7 else RIGHT
             observation, reward, terminated, truncated, _ = env.step(action)
-        print(f"match {match}: goals {reward:+.0f}, {observation['steps_left']} steps left")
+        print(f"match {match}: goals {reward:+.0f}, {observation['steps_left'].item()} steps left")
     env.close()
 
 

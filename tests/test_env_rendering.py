@@ -81,7 +81,7 @@ def test_a_picture_shows_where_players_and_ball_are():
     pixels = MatchPicture(640).pixels
     column, row = np.round(pixels(observation["ball"])).astype(int)
     assert (np.abs(frame[row, column].astype(int) - BALL_COLOUR) < 40).all()
-    controlled = observation["left_team"][observation["active"]]
+    controlled = observation["left_team"][observation["active"].item()]
     column, row = np.round(pixels(controlled)).astype(int)
     around = frame[row - 12 : row + 13, column - 12 : column + 13].reshape(-1, 3).astype(int)
     assert (np.abs(around - CONTROLLED_COLOUR) < 10).all(-1).any()
@@ -98,7 +98,7 @@ def test_the_last_picture_is_of_what_ended_the_episode():
     while not ended:
         observation, reward, ended, *_ = env.step(SHOT)
     assert reward == 1.0
-    state = {key: observation[key] for key in DRAWN_KEYS}
+    state = {key: observation[key].squeeze() for key in DRAWN_KEYS}
     np.testing.assert_array_equal(env.render(), draw_from_above(SCENARIO, state))
     env.close()
 

@@ -17,7 +17,7 @@ from torchrl.envs import GymEnv
 from torchrl.envs.utils import check_env_specs
 
 import fbrl
-from fbrl.envs import OBSERVATION_SPACE, SCENARIOS, FootballEnv, UnknownNameError
+from fbrl.envs import SCENARIOS, FootballEnv, UnknownNameError
 from fbrl.envs.engine import build_scenario, load_gfootball
 
 FORCED_PASS_AFTER = 20
@@ -199,7 +199,8 @@ def test_the_observation_is_as_documented():
     env = FootballEnv("academy_3_vs_1_with_keeper")
     observation, info = env.reset(seed=4)
     assert info == {"engine_seed": 4}
-    assert OBSERVATION_SPACE.contains(observation)
+    assert env.observation_space.contains(observation)
+    assert all(space.shape for space in env.observation_space.values())
     assert (observation["left_team_roles"] >= 0).sum() == 4
     assert (observation["right_team_roles"] >= 0).sum() == 2
     assert (observation["left_team"][4:] == -1).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from typing import Any
 
@@ -13,7 +14,7 @@ from fbrl.envs.arguments import check_options
 from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS
 from fbrl.envs.episode_seeds import check_seed, draw_seed
 from fbrl.envs.matches import Matches
-from fbrl.envs.observation import Observation, select_space
+from fbrl.envs.observation import Observation, select_space, without_scalars
 from fbrl.envs.rendering import (
     DRAWN_KEYS,
     RENDER_METADATA,
@@ -49,7 +50,7 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
 
     ``reset(seed=s)`` starts an episode whose engine seed is exactly ``s``, with the left team
     to kick off; later resets draw fresh engine seeds from the environment's ``np_random`` and
-    alternate the kick-off. ``info["engine_seed"]`` names the seed after a reset. Python's
+    alternate the kick-off. ``info["engine_seed"]`` names the episode's seed. Python's
     global random state is neither read nor changed.
 
     Examples:
@@ -76,8 +77,9 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         view: View = "2d",
     ) -> None:
         self.scenario = check_scenario(scenario)
+        _refuse_next_step_autoreset(scenario)
         self.render_mode = check_render_mode(render_mode, view)
-        self.observation_space: spaces.Dict = select_space(observation_keys)
+        self.observation_space: spaces.Dict = without_scalars(select_space(observation_keys))
         self.action_space = spaces.Discrete(NUM_ACTIONS)
         drawn_keys = DRAWN_KEYS if self.render_mode else ()
         self._matches = Matches(scenario, 1, 1, self.observation_space, drawn_keys)
@@ -108,7 +110,7 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         self._matches.begin([0])
         if self._in_engine:
             self._in_engine.begin(engine_seed, self._episode_number)
-        return self._observe(), {"engine_seed": engine_seed}
+        return self._observe(), self._info()
 
     def step(
         self, action: int | np.integer[Any]
@@ -134,10 +136,16 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
             self._in_engine.step(int(action))
         arrays = self._matches.arrays
         terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
-        return self._observe(), float(arrays["reward"][0]), terminated, truncated, {}
+        return self._observe(), float(arrays["reward"][0]), terminated, truncated, self._info()
+
+    def _info(self) -> dict[str, np.int64]:
+        return {"engine_seed": np.int64(self._matches.episodes[0][0])}
 
     def _observe(self) -> Observation:
-        return {key: array[0] for key, array in self._matches.observe().items()}
+        observed = self._matches.observe()
+        return {
+            key: observed[key].reshape(box.shape) for key, box in self.observation_space.items()
+        }
 
     def render(self) -> np.ndarray | None:
         """Draws the last state; after an episode's end that is the one that ended it.
@@ -160,3 +168,21 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         self._matches.close()
         if self._in_engine:
             self._in_engine.close()
+
+
+def _refuse_next_step_autoreset(scenario: str) -> None:
+    """Refuses ``torchrl.envs.GymEnv(..., num_envs=N)``, in which data would be wrong silently.
+
+    It takes Gymnasium's vector environments in their default mode, which begin a new episode in the
+    step after the last one; its own ``GymWrapper`` refuses that. Nothing but the caller tells.
+    """
+    frame = sys._getframe()
+    while frame.f_back is not None:
+        frame = frame.f_back
+        name = frame.f_code.co_name, frame.f_globals.get("__name__")
+        if name == ("_async_env", "torchrl.envs.libs.gym"):
+            raise ValueError(
+                "GymEnv(..., num_envs=N) would lose the last state of each episode. Use "
+                f"fbrl.envs.make_env({scenario!r}, num_envs=N), or "
+                f"GymWrapper(FootballVectorEnv({scenario!r}, N), categorical_action_encoding=True)."
+            )

@@ -24,6 +24,9 @@ key                              shape     dtype  meaning
 ``sticky_actions``               (10,)     int8   directions 1 to 8, sprint, dribble: 1 where held
 ===============================  ========  =====  ==================================================
 
+:class:`~fbrl.envs.FootballEnv` has the single numbers, of shape (), as arrays of shape (1,), since
+other libraries' networks and checkers ask for arrays.
+
 The pitch spans x in [-1, 1] (54.4 m a unit) and y in [-0.42, 0.42] (83.6 m a unit, growing
 downwards); the controlled team attacks towards x = 1. Players, and the ball, can be outside it.
 
@@ -39,6 +42,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector.utils import batch_space
 
 MAX_PLAYERS = 11
 
@@ -108,3 +112,11 @@ def select_space(keys: Iterable[str] | None) -> spaces.Dict:
     if unknown:
         raise ValueError(f"Unknown observation keys {sorted(unknown, key=str)}; there are {known}.")
     return spaces.Dict({key: space for key, space in OBSERVATION_SPACE.items() if key in wanted})
+
+
+def without_scalars(observed: spaces.Dict) -> spaces.Dict:
+    """The same observation with single numbers as arrays of shape (1,)."""
+    # A batch of one is what makes a scalar an array.
+    return spaces.Dict(
+        {key: space if space.shape else batch_space(space, 1) for key, space in observed.items()}
+    )

@@ -39,7 +39,7 @@ class FootballMatches(GymWrapper):
                 f"{sorted(map(str, tensordict.keys()))}. A policy writes it, or "
                 "env.rand_action(tensordict)."
             )
-        observation, reward, terminated, truncated, _ = self._env.step(action.numpy())
+        observation, reward, terminated, truncated, info = self._env.step(action.numpy())
         arrays = {
             **observation,
             "reward": reward[:, None],
@@ -47,8 +47,11 @@ class FootballMatches(GymWrapper):
             "truncated": truncated[:, None],
             "done": (terminated | truncated)[:, None],
         }
-        return TensorDict(
+        following = TensorDict(
             {key: torch.from_numpy(array) for key, array in arrays.items()},
             batch_size=self.batch_size,
             device=self.device,
         )
+        for read in self.info_dict_reader:
+            following = read(info, following)
+        return following

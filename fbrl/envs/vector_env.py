@@ -120,9 +120,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._matches.begin(chosen)
         for index in chosen:
             self._prepare_next(index)
-        info = {"engine_seed": np.zeros(self.num_envs, np.int64), "_engine_seed": mask}
-        info["engine_seed"][chosen] = [self._episodes[index].engine_seed for index in chosen]
-        return self._matches.observe(), info
+        return self._matches.observe(), self._info()
 
     @property
     def episodes(self) -> list[tuple[int, int]]:
@@ -146,7 +144,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._check_none_ended(self._matches.not_running(), "step()")
         self._matches.step(range(self.num_envs), actions.tolist())
         results = [self._matches.arrays[key].copy() for key in RESULTS]
-        return self._matches.observe(), *results, {}
+        return self._matches.observe(), *results, self._info()
 
     def make_rows(self, arrays: Mapping[str, np.ndarray]) -> Any:
         """Arrays for :meth:`send_step` to write to, checked once.
@@ -245,6 +243,11 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the threads and hands the engines on to the next matches of this process."""
         self._matches.close()
+
+    def _info(self) -> dict[str, np.ndarray]:
+        """The seed of each match's episode; that all of them are told, in Gymnasium's way."""
+        seeds = np.array([seed for seed, _ in self._matches.episodes], np.int64)
+        return {"engine_seed": seeds, "_engine_seed": np.ones(self.num_envs, bool)}
 
     def _check_open(self) -> None:
         if self.closed:
