@@ -48,7 +48,7 @@ def _main(config: TrainConfig, resume: bool) -> None:
     # Seconds of imports, which --help and a mistyped option needn't wait for.
     from fbrl.checkpoint import CheckpointError
     from fbrl.collect.collector import MatchWorkersError
-    from fbrl.envs import EngineNotInstalledError
+    from fbrl.envs import EngineNotInstalledError, ScenarioError
     from fbrl.ppo.update import TrainingDivergedError
     from fbrl.training import TrainListener, train
     from fbrl.training.run_checkpoints import TrainingNotSavedError
@@ -74,6 +74,7 @@ def _main(config: TrainConfig, resume: bool) -> None:
             ConfigError,
             UnknownNameError,
             EngineNotInstalledError,
+            ScenarioError,
             OSError,
         ) as error:
             fail(PROGRAM, error)
