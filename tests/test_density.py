@@ -51,7 +51,7 @@ def made_up_density() -> AssistDensity:
     return AssistDensity(PositionDensity(grids[0], 0.001), PositionDensity(grids[1], 0.1), METADATA)
 
 
-@pytest.mark.parametrize("name", ["pitch", "position", "assist", "fit", "filters", "controls"])
+@pytest.mark.parametrize("name", ["coordinates", "position", "assist", "fit", "filters", "controls"])
 def test_the_docstrings_examples_run(name):
     result = doctest.testmod(importlib.import_module(f"fbrl.density.{name}"))
     assert result.failed == 0
@@ -212,10 +212,26 @@ class TestPositionDensity:
         assert before.dtype == after.dtype == torch.float64
         torch.testing.assert_close(after, before, atol=1e-6, rtol=1e-6)
 
-    def test_state_dict_restores_the_surface(self):
-        density, other = (PositionDensity(torch.rand(6, 5)) for _ in range(2))
+    def test_state_dict_restores_the_surface_and_its_peak(self):
+        density = PositionDensity(torch.rand(6, 5), peak=0.1)
+        other = PositionDensity(torch.rand(6, 5), peak=3.0)
         other.load_state_dict(density.state_dict())
         torch.testing.assert_close(other.grid, density.grid)
+        positions = torch.rand(20, 2) * 0.4
+        assert torch.equal(other(positions), density(positions))
+        assert other.peak == 0.1
+
+    def test_a_state_of_a_grid_of_another_shape_is_refused(self):
+        with pytest.raises(ValueError, match="a grid with 5 rows, and this density has 6"):
+            PositionDensity(torch.rand(5, 6)).load_state_dict(
+                PositionDensity(torch.rand(6, 5)).state_dict()
+            )
+
+    def test_all_buffers_are_where_the_grid_is_whatever_the_default_device(self):
+        grid = torch.rand(6, 5)
+        with torch.device("meta"):
+            density = PositionDensity(grid)
+        assert {buffer.device.type for buffer in density.buffers()} == {"cpu"}
 
     @pytest.mark.parametrize(
         ("grid", "message"),

@@ -126,3 +126,15 @@ def test_the_environment_says_that_it_is_on_the_cpu():
     assert env.device == torch.device("cpu")
     assert env.rollout(2).device == torch.device("cpu")
     env.close()
+
+
+@pytest.mark.parametrize("observation", OBSERVATION_KEYS)
+def test_specs_hold_whatever_the_default_dtype_of_floating_point(observation):
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float64)
+    try:
+        env = make_env("academy_empty_goal", num_envs=2, observation=observation, seed=0)
+        check_env_specs(env)
+        env.close()
+    finally:
+        torch.set_default_dtype(before)

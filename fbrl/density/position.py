@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numbers
 import sys
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
@@ -19,9 +20,10 @@ class PositionDensity(nn.Module):
     :math:`[0, peak]`. Positions outside the pitch, and positions with a NaN coordinate, have
     density 0.
 
-    The only state is one persistent buffer (``corners``), so that the module moves between devices
-    and is saved like any other. Nothing in :meth:`forward` depends on data in Python: it compiles,
-    works under :func:`torch.vmap` and never waits for the device.
+    The state is one persistent buffer (``corners``) and what it stands for, the peak and the number
+    of rows, so that the module moves between devices and is saved like any other. Nothing in
+    :meth:`forward` depends on data in Python: it compiles, works under :func:`torch.vmap` and never
+    waits for the device.
 
     Args:
         grid: (columns, rows) values at the nodes of a regular grid over the whole pitch, the first
@@ -63,9 +65,8 @@ class PositionDensity(nn.Module):
         reach = (1.0 - 1e-6) / 2.0
         scale = [reach * (columns - 1) / HALF_LENGTH, reach * (rows - 1) / HALF_WIDTH]
         last = [columns - 1.0, rows - 1.0]
-        dtype = normalised.dtype
-        self.register_buffer("_scale", torch.tensor(scale, dtype=dtype), persistent=False)
-        self.register_buffer("_last", torch.tensor(last, dtype=dtype), persistent=False)
+        self.register_buffer("_scale", normalised.new_tensor(scale), persistent=False)
+        self.register_buffer("_last", normalised.new_tensor(last), persistent=False)
 
     @property
     def grid(self) -> Tensor:
@@ -103,6 +104,25 @@ class PositionDensity(nn.Module):
         edges = torch.lerp(corners[..., 0], corners[..., 1], along_x.unsqueeze(-1))
         value = torch.lerp(edges[..., 0], edges[..., 1], along_y)
         return value * (on_pitch == cells).all(-1) * self.peak
+
+    def get_extra_state(self) -> dict[str, float]:
+        """The peak and the number of rows, which a state dictionary holds beside the buffer."""
+        return {"peak": self.peak, "rows": self._rows}
+
+    def set_extra_state(self, state: Mapping[str, float]) -> None:
+        """Takes the peak of a state.
+
+        Raises:
+            ValueError: if the state is that of a grid with another number of rows, or damaged.
+        """
+        if not isinstance(state, Mapping) or state.keys() != {"peak", "rows"}:
+            raise ValueError(f"{state!r:.80} is no state of a PositionDensity.")
+        if state["rows"] != self._rows:
+            raise ValueError(
+                f"The state is that of a grid with {state['rows']} rows, and this density has "
+                f"{self._rows}: make one with a grid of that shape to load it."
+            )
+        self.peak = _checked_peak(state["peak"])
 
     def extra_repr(self) -> str:
         """Show the grid's size and the peak."""

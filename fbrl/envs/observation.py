@@ -46,6 +46,9 @@ from gymnasium.vector.utils import batch_space
 
 MAX_PLAYERS = 11
 
+MAX_DURATION = 10**9
+"""Steps of a match at most, and so its goals; three years of play."""
+
 PADDING = -1
 """Fills positions, directions and roles of the players that a small-sided scenario lacks."""
 
@@ -88,8 +91,8 @@ OBSERVATION_SPACE = spaces.Dict(
         "ball_owned_team": _integer(-1, 1),
         "ball_owned_player": _integer(-1, MAX_PLAYERS - 1),
         "game_mode": _integer(0, 6),
-        "score": _integer(0, 1000, 2),
-        "steps_left": _integer(0, 10_000),
+        "score": _integer(0, MAX_DURATION, 2),
+        "steps_left": _integer(0, MAX_DURATION),
         "sticky_actions": _flags(10),
     }
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fbrl.envs.observation import MAX_PLAYERS
+from fbrl.envs.observation import MAX_DURATION, MAX_PLAYERS
 
 FARTHEST = 100.0
 """Largest coordinate of a player or the ball, in pitch units; far beyond it they become NaN."""
@@ -31,8 +31,9 @@ def check_scenario_config(scenario: str, config: Any) -> None:
         if not 0 <= difficulty <= 1:
             _refuse(scenario, f"{side}_team_difficulty is {difficulty:g}", "in [0, 1]")
     _check_position(scenario, "the ball", config.ball_position)
-    if config.game_duration < 1:
-        _refuse(scenario, f"game_duration is {config.game_duration}", "at least 1 step")
+    if not 1 <= config.game_duration <= MAX_DURATION:
+        allowed = f"1 to {MAX_DURATION:,} steps"
+        _refuse(scenario, f"game_duration is {config.game_duration}", allowed)
 
 
 def _check_team(scenario: str, side: str, team: list[Any]) -> None:

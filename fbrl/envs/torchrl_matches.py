@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Unbounded
 from torchrl.envs import GymWrapper
 
 from fbrl.envs.vector_env import FootballVectorEnv
@@ -30,6 +33,12 @@ class FootballMatches(GymWrapper):
     def matches(self) -> FootballVectorEnv:
         """The vector environment that is wrapped."""
         return self._env
+
+    def _make_specs(self, *args: Any, **kwargs: Any) -> None:
+        super()._make_specs(*args, **kwargs)
+        # Whatever PyTorch's default is, rewards are what the matches write.
+        shape = (*self.batch_size, 1)
+        self.reward_spec = Unbounded(shape, dtype=torch.float32, device=self.device)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get("action", None)
