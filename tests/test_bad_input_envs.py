@@ -71,7 +71,11 @@ def test_a_wrong_number_of_matches_or_threads_is_named(arguments, error, message
         ({"reward": AssistDensityReward}, TypeError, "must be a ScoringReward"),
         ({"reward": Simple115()}, TypeError, "must be a ScoringReward"),
         ({"reward": "potential"}, TypeError, r"AssistDensityPotential\(gamma="),
-        ({"observation": 5}, TypeError, "The observation is 5; .* minimap, smm, simple115"),
+        (
+            {"observation": 5},
+            TypeError,
+            "The observation is 5; .* simple115, players, minimap, smm",
+        ),
         ({"observation": AssistDensityReward()}, TypeError, "must be a Transform that writes one"),
         ({"keep_keys": "ball"}, TypeError, "keys are 'ball'; they must be a list of names"),
         ({"keep_keys": 5}, TypeError, "keys are 5"),

@@ -96,7 +96,7 @@ def test_gfootballs_own_environment_plays_the_same_matches_as_ours(tmp_path):
 
     def observe(raw, frames):
         one = TensorDict(raw)
-        cells = frame_cells(*(one[key] for key in MINIMAP_KEYS))
+        cells = frame_cells(*(one[key].squeeze() for key in MINIMAP_KEYS))
         frames = [*frames[1:], cells] if frames else [cells] * 4
         planes.append(np.moveaxis(cells_to_planes(torch.stack(frames)).numpy(), 0, -1))
         vectors.append(transform(one)["simple115"].numpy())

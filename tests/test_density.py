@@ -51,7 +51,9 @@ def made_up_density() -> AssistDensity:
     return AssistDensity(PositionDensity(grids[0], 0.001), PositionDensity(grids[1], 0.1), METADATA)
 
 
-@pytest.mark.parametrize("name", ["coordinates", "position", "assist", "fit", "filters", "controls"])
+@pytest.mark.parametrize(
+    "name", ["coordinates", "position", "assist", "fit", "filters", "controls"]
+)
 def test_the_docstrings_examples_run(name):
     result = doctest.testmod(importlib.import_module(f"fbrl.density.{name}"))
     assert result.failed == 0

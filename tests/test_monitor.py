@@ -199,7 +199,7 @@ def test_the_hyperparameters_and_the_goal_difference_stand_in_the_run_itself(mon
     assert values["scenario"].string_value == "academy_corner"
     assert values["ppo.gamma"].number_value == 0.993
     assert values["ppo.anneal_learning_rate"].string_value == "True"
-    assert values["hidden_sizes"].string_value == "256 256"
+    assert values["network.hidden_sizes"].string_value == "256 256"
     assert "run_dir" not in values
     metrics = [info.name.tag for info in experiment.experiment.metric_infos]
     assert metrics == list(GOAL_DIFFERENCE_NAMES)

@@ -17,7 +17,7 @@ SWEEP = REPOSITORY / "experiments" / "sweep"
 GRID = """
 scenario: academy_empty_goal
 seed: [0, 1]
-hidden-sizes: [[16, 16]]
+network.hidden-sizes: [[16, 16]]
 num-envs: 2
 num-steps: 64
 total-frames: 1920
@@ -124,7 +124,7 @@ def test_points_are_the_combinations_of_the_lists(tmp_path, read_grid):
         "scenario: [academy_corner, academy_empty_goal]\n"
         "seed: [0, 1]\n"
         "eval-untrained: true\n"
-        "hidden-sizes: [[8, 4]]\n"
+        "network.hidden-sizes: [[8, 4]]\n"
     )
     points = read_grid(path, tmp_path)
     assert [point.run_dir.name for point in points] == [
@@ -134,10 +134,10 @@ def test_points_are_the_combinations_of_the_lists(tmp_path, read_grid):
         "scenario=academy_empty_goal,seed=1",
     ]
     config = points[3].config
-    assert (config.scenario, config.seed, config.hidden_sizes, config.eval_untrained) == (
+    assert (config.scenario, config.seed, config.network_options, config.eval_untrained) == (
         "academy_empty_goal",
         1,
-        (8, 4),
+        {"hidden_sizes": (8, 4)},
         True,
     )
     assert not points[3].is_finished()

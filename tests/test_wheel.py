@@ -17,6 +17,7 @@ import fbrl
 
 SOURCE_NAMES = re.compile(r"fbrl/.+\.py|fbrl/py\.typed|fbrl-[^/]+\.dist-info/.+")
 SHIPPED = "fbrl/density/open_play_assists_2015_16.npz"
+PUBLISHED = "fbrl/analysis/thesis.csv"
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def wheel(wheel_file):
 
 def test_holds_code_and_one_density_file_and_nothing_else(wheel):
     others = {name for name in wheel if not SOURCE_NAMES.fullmatch(name)}
-    assert others == {SHIPPED}
+    assert others == {SHIPPED, PUBLISHED}
 
 
 def test_the_density_file_holds_two_surfaces_and_words(wheel):
@@ -75,7 +76,7 @@ def test_the_source_distribution_holds_no_tests_and_no_data_but_the_densities(wh
     sources = re.compile(
         r"fbrl/.+\.py|fbrl/py\.typed|[A-Z_]+(\.md)?|CITATION\.cff|pyproject\.toml|PKG-INFO|\.gitignore"
     )
-    assert {name for name in names if not sources.fullmatch(name)} == {SHIPPED}
+    assert {name for name in names if not sources.fullmatch(name)} == {SHIPPED, PUBLISHED}
 
 
 def test_package_indexes_can_show_its_description(wheel_file):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,9 @@ import torch
 from tensordict import TensorDictBase
 
 from fbrl.checkpoint import CheckpointError
+from fbrl.components import COMPONENTS
 from fbrl.config import TrainConfig
+from fbrl.config_json import config_to_dict
 from fbrl.monitor.event_file import EventFile
 from fbrl.monitor.layout import chart_layout
 from fbrl.monitor.recent_matches import RecentMatches
@@ -242,10 +243,12 @@ class Monitor:
 
 
 def hyperparameters(config: TrainConfig) -> dict[str, float | str]:
-    """The configuration without its directory as flat names, such as ``ppo.gamma``."""
-    values = dataclasses.asdict(config)
+    """The configuration without its directory as flat names, such as ``reward.weight``."""
+    values = config_to_dict(config)
     del values["run_dir"]
-    values |= {f"ppo.{name}": value for name, value in values.pop("ppo").items()}
+    groups = {"ppo": "ppo", **{kind: f"{kind}_options" for kind in COMPONENTS}}
+    for prefix, group in groups.items():
+        values |= {f"{prefix}.{name}": value for name, value in values.pop(group).items()}
     return {name: _number_or_text(value) for name, value in values.items()}
 
 
