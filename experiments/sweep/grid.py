@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ class Point:
 
     run_dir: Path
     arguments: tuple[str, ...]
-    config: TrainConfig
+    config: TrainConfig = field(compare=False)
 
     @property
     def log(self) -> Path:
