@@ -92,7 +92,6 @@ def make_agent_env(
     *,
     num_envs: int,
     reward: str | ScoringReward,
-    scenario: str | None = None,
     num_threads: int | None = None,
     keep_keys: Iterable[str] = (),
     seed: int | None = None,
@@ -103,13 +102,12 @@ def make_agent_env(
         config: How the agent was trained.
         num_envs: As there.
         reward: As there.
-        scenario: Where it plays; by default where it was trained.
         num_threads: As there.
         keep_keys: As there.
         seed: As there.
     """
     return make_env(
-        scenario or config.scenario,
+        config.scenario,
         num_envs=num_envs,
         reward=reward,
         observation=make_agent_observation(config),

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from fbrl.components import COMPONENTS
 from fbrl.config import ConfigError, PPOConfig, TrainConfig, check_types
 from fbrl.files.atomic_write import atomic_write
 
@@ -25,6 +26,15 @@ def config_to_dict(config: TrainConfig) -> dict[str, Any]:
         values[f"{kind}_options"] = registry.with_defaults(name, options)
     values["run_dir"] = None if config.run_dir is None else str(config.run_dir)
     return _map(values, tuple, list)
+
+
+def with_flat_options(config: TrainConfig) -> dict[str, Any]:
+    """What :func:`config_to_dict` gives, with the options as entries such as ``reward.weight``."""
+    values = config_to_dict(config)
+    for kind in COMPONENTS:
+        options = values.pop(f"{kind}_options")
+        values |= {f"{kind}.{name}": value for name, value in options.items()}
+    return values
 
 
 def config_from_dict(values: Mapping[str, Any]) -> TrainConfig:

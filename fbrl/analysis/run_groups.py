@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from fbrl.analysis.run_log import RunLog
-from fbrl.components import COMPONENTS
 from fbrl.config import HOW_IT_IS_RUN, TrainConfig
-from fbrl.config_json import config_to_dict
+from fbrl.config_json import with_flat_options
 from fbrl.presets import nearest_preset, preset_config
 
 NOT_TRAINED = frozenset(
@@ -83,11 +82,8 @@ def single_runs(runs: Iterable[RunLog]) -> list[RunGroup]:
 
 
 def _settings(config: TrainConfig) -> dict[str, Any]:
-    values = config_to_dict(config)
+    values = with_flat_options(config)
     ppo = values.pop("ppo")
-    for kind in COMPONENTS:
-        options = values.pop(f"{kind}_options")
-        values |= {f"{kind}.{name}": value for name, value in options.items()}
     learned = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in {**values, **ppo}.items()

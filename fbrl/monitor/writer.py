@@ -11,9 +11,8 @@ import torch
 from tensordict import TensorDictBase
 
 from fbrl.checkpoint import CheckpointError
-from fbrl.components import COMPONENTS
 from fbrl.config import TrainConfig
-from fbrl.config_json import config_to_dict
+from fbrl.config_json import with_flat_options
 from fbrl.monitor.event_file import EventFile
 from fbrl.monitor.layout import chart_layout
 from fbrl.monitor.recent_matches import RecentMatches
@@ -244,11 +243,9 @@ class Monitor:
 
 def hyperparameters(config: TrainConfig) -> dict[str, float | str]:
     """The configuration without its directory as flat names, such as ``reward.weight``."""
-    values = config_to_dict(config)
+    values = with_flat_options(config)
     del values["run_dir"]
-    groups = {"ppo": "ppo", **{kind: f"{kind}_options" for kind in COMPONENTS}}
-    for prefix, group in groups.items():
-        values |= {f"{prefix}.{name}": value for name, value in values.pop(group).items()}
+    values |= {f"ppo.{name}": value for name, value in values.pop("ppo").items()}
     return {name: _number_or_text(value) for name, value in values.items()}
 
 
