@@ -157,6 +157,7 @@ def make_collector(
             observation=make_agent_observation(config),
             num_threads=config.num_threads,
             num_groups=config.num_groups,
+            midway_starts=config.midway_starts,
             seed=config.seed,
         )
 

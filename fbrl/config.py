@@ -170,6 +170,10 @@ class TrainConfig:
     """Let the network see every state with the ball in the lower half of the pitch, mirrored where
     it is in the upper one."""
 
+    midway_starts: float = 0.0
+    """Share of the matches of the training that begin in states which earlier ones came to. They
+    count as frames, but not among the figures of matches, and no evaluation has any."""
+
     seed: int = 0
     """Seeds the matches, the network and the minibatches."""
 
@@ -251,6 +255,7 @@ class TrainConfig:
                 f"The network player_set reads players, and the observation is {self.observation}. "
                 "Add --observation players."
             )
+        _check(self, "midway_starts", 0 <= self.midway_starts <= 1, "in [0, 1]")
         _check(self, "seed", 0 <= self.seed < 2**32, "in [0, 2**32 - 1]")
         for name in self.logger:
             LOGGERS.check(name)
@@ -261,6 +266,8 @@ class TrainConfig:
             raise ConfigError("num_workers is only used with the collector ray.")
         if self.collector == "ray" and self.collect_ahead:
             raise ConfigError("collect_ahead is only used with the collector threads.")
+        if self.collector == "ray" and self.midway_starts:
+            raise ConfigError("midway_starts is only used with the collector threads.")
         if self.collector == "ray" and self.ppo.num_envs % (self.num_workers or 1):
             raise ConfigError(
                 f"num_workers is {self.num_workers}; to share {self.ppo.num_envs} matches "

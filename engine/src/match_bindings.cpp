@@ -231,6 +231,18 @@ void bind_matches(nb::module_ &module) {
            },
            "match"_a, "config"_a, "engine_seed"_a, "episode_number"_a,
            "Says which episode a match begins next: with begin(), and by itself when it ends.")
+      .def("prepare_state",
+           [](PyMatches &matches, int match, const ScenarioConfig &config, std::uint32_t engine_seed,
+              std::int64_t episode_number, const nb::bytes &engine, int waiting_steps,
+              int previous_score_difference, int previous_game_mode, int previous_ball_owned_team) {
+             fbrl::MatchState state{{engine.c_str(), engine.size()}, waiting_steps,
+                                    previous_score_difference, previous_game_mode,
+                                    previous_ball_owned_team};
+             open(matches)->prepare(match, {config, engine_seed, episode_number, std::move(state)});
+           },
+           "match"_a, "config"_a, "engine_seed"_a, "episode_number"_a, "engine"_a, "waiting_steps"_a,
+           "previous_score_difference"_a, "previous_game_mode"_a, "previous_ball_owned_team"_a,
+           "The same, but has the episode begin in a state of it.")
       .def("send_begin",
            [](PyMatches &matches, const std::vector<int> &which, nb::object rows) {
              return PyBatch(open(matches), open(matches)->send_begin(which, rows_for(*open(matches), rows)), rows);
@@ -248,20 +260,6 @@ void bind_matches(nb::module_ &module) {
            "Has these matches play a step, each with its action.\n\n"
            "With next_rows those that end go on with the episodes that are prepared, and what the next\n"
            "step begins with is written there.")
-      .def("send_restore",
-           [](PyMatches &matches, int match, const nb::bytes &engine, int waiting_steps,
-              int previous_score_difference, int previous_game_mode, int previous_ball_owned_team,
-              nb::object rows) {
-             fbrl::MatchState state{{engine.c_str(), engine.size()}, waiting_steps,
-                                    previous_score_difference, previous_game_mode,
-                                    previous_ball_owned_team};
-             return PyBatch(open(matches),
-                            open(matches)->send_restore(match, std::move(state), rows_for(*open(matches), rows)),
-                            rows);
-           },
-           "match"_a, "engine"_a, "waiting_steps"_a, "previous_score_difference"_a,
-           "previous_game_mode"_a, "previous_ball_owned_team"_a, "rows"_a,
-           "Has a match begin the prepared episode and go on from a state of it.")
       .def("state",
            [](PyMatches &matches, int match) {
              fbrl::MatchState state;
@@ -277,7 +275,7 @@ void bind_matches(nb::module_ &module) {
              all["previous_ball_owned_team"] = state.previous_ball_owned_team;
              return all;
            },
-           "match"_a, "What a running match goes on from, as send_restore() takes it.")
+           "match"_a, "What a running match goes on from, as prepare_state() takes it.")
       .def("is_running", [](PyMatches &matches, int match) { return open(matches)->is_running(match); },
            "match"_a, "Whether the match's episode has begun and not ended.")
       .def("in_hand",

@@ -41,7 +41,10 @@ void write(const Match &match, int index, const Rows &rows) {
   for (const Column &column : rows) column.field->write(match, column.data + index * column.stride);
 }
 
-void begin_prepared(Slot &slot) { slot.match.reset(slot.prepared->config); }
+void begin_prepared(Slot &slot) {
+  slot.match.reset(slot.prepared->config);
+  if (slot.prepared->state) slot.match.restore(*slot.prepared->state);
+}
 
 void sleep(const Disturbance &disturbance) {
   // Not std::random_device, whose arc4random only systems from glibc 2.36 on have.
@@ -281,25 +284,6 @@ std::shared_ptr<Batch> MatchPool::send_step(const std::vector<int> &matches,
                      write(slot.match, match, *next_rows);
                    }});
   }
-  return batch;
-}
-
-std::shared_ptr<Batch> MatchPool::send_restore(int match, MatchState state,
-                                               std::shared_ptr<const Rows> rows) {
-  Sending sending(*shared_);
-  Slot &slot = shared_->free_slot(match);
-  if (!slot.prepared) throw std::logic_error("Its episode has to be prepared.");
-  shared_->enter_prepared(slot);
-  auto batch = std::make_shared<Batch>();
-  sending.send({match, batch, [match, state = std::move(state), rows](Slot &slot) {
-                   slot.running = false;
-                   begin_prepared(slot);
-                   slot.begun_ahead = false;
-                   slot.match.restore(state);
-                   slot.prepared.reset();
-                   slot.running = true;
-                   write(slot.match, match, *rows);
-                 }});
   return batch;
 }
 

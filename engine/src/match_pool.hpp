@@ -30,6 +30,8 @@ struct Episode {
   ScenarioConfig config;
   std::uint32_t engine_seed;
   std::int64_t number;
+  // Where it begins, if not at its beginning.
+  std::optional<MatchState> state = std::nullopt;
 };
 
 // What happens in place of a step, for measurements and tests: a sleep that stands for an engine on a
@@ -71,9 +73,6 @@ class MatchPool {
   std::shared_ptr<Batch> send_step(const std::vector<int> &matches, const std::vector<int> &actions,
                                    std::shared_ptr<const Rows> rows,
                                    std::shared_ptr<const Rows> next_rows = nullptr);
-  // Begins the prepared episode and goes on from a state of it.
-  std::shared_ptr<Batch> send_restore(int match, MatchState state, std::shared_ptr<const Rows> rows);
-
   // Whether the batch was done in this time. Throws what a match of it threw, with the match's name.
   bool wait(Batch &batch, std::chrono::milliseconds timeout);
 

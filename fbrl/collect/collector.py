@@ -48,10 +48,11 @@ class BatchCollector(abc.ABC):
         """What the next batch begins with, as a checkpoint takes it.
 
         Returns:
-            ``matches``, the state of each, and ``next_step``, what the policy is to look at and
-            what is remembered of the episodes so far; both empty where it can't be told.
+            ``matches``, the state of each, ``kept_states``, in which others may begin, and
+            ``next_step``, what the policy is to look at and what is remembered of the episodes so
+            far; all empty where it can't be told.
         """
-        return {"matches": [], "next_step": {}}
+        return {"matches": [], "kept_states": [], "next_step": {}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Has the next batch begin with what :meth:`state_dict` told.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,8 @@ from fbrl.collect.collector import BatchCollector, inference_threads, torch_thre
 from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.envs.episode_seeds import check_seed
 from fbrl.envs.factory import as_torchrl, make_observation, make_reward, raw_keys_of
-from fbrl.envs.matches import RESULTS, empty_arrays
+from fbrl.envs.matches import RESULTS, MatchState, empty_arrays
+from fbrl.envs.midway_starts import MidwayStarts
 from fbrl.envs.observation import Observation
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.models.actor_critic import CollectionPolicy
@@ -63,6 +64,9 @@ class MatchCollector(BatchCollector):
         num_threads: Threads that step the matches.
         num_groups: Groups that take turns; they are as large as they can be alike. By default two,
             from 48 matches on three, with which many cores wait least.
+        midway_starts: Share of the matches that begin in states of earlier ones, see
+            :class:`~fbrl.envs.midway_starts.MidwayStarts`. Batches then have ``begun_midway`` under
+            ``"next"``, bool (num_envs, num_steps).
         seed: Seeds the matches.
 
     Raises:
@@ -88,6 +92,7 @@ class MatchCollector(BatchCollector):
         observation: str | Transform = "simple115",
         num_threads: int | None = None,
         num_groups: int | None = None,
+        midway_starts: float = 0.0,
         seed: int | None = None,
     ) -> None:
         self.policy = policy
@@ -110,6 +115,8 @@ class MatchCollector(BatchCollector):
         }
         self._state: TensorDict | None = None
         self._noise: list[Tensor] = []
+        self._midway_starts = MidwayStarts(midway_starts) if midway_starts else None
+        self._begun_midway = torch.zeros((num_envs, num_steps), dtype=torch.bool)
         self._lay_out(keys, num_envs, num_groups)
         if seed is not None:
             self.set_seed(seed)
@@ -212,6 +219,8 @@ class MatchCollector(BatchCollector):
         """Computes what the policy looks at after a step."""
         before, after = group.views[step], group.views[step + 1]
         self._transform._step(before, after)
+        begun_midway = self._matches.begun_midway[group.rows]
+        self._begun_midway[group.rows, step] = torch.from_numpy(begun_midway)
         done = np.logical_or(*(flag[group.rows, step] for flag in self._flags))
         if done.any():
             self._matches.begun_anew(group.matches[i] for i in np.flatnonzero(done).tolist())
@@ -242,6 +251,10 @@ class MatchCollector(BatchCollector):
         )
         self._bookkeeping.complete(batch, start, end)
         self._state = end
+        if self._midway_starts is not None:
+            batch["next", "begun_midway"] = self._begun_midway
+            self._midway_starts.keep(self._matches.match_states())
+            self._matches.begin_from(self._midway_starts.choose)
         raw = self._raw_keys
         return batch.exclude(*raw, *(("next", key) for key in raw))
 
@@ -268,7 +281,12 @@ class MatchCollector(BatchCollector):
             self.reset()
         assert self._state is not None
         carried = self._state.select(*self._observed, *self._bookkeeping.keys)
-        return {"matches": self._matches.get_state(), "next_step": carried.to_dict()}
+        kept = () if self._midway_starts is None else self._midway_starts.kept()
+        return {
+            "matches": self._matches.get_state(),
+            "kept_states": [{"match": asdict(state)} for state in kept],
+            "next_step": carried.to_dict(),
+        }
 
     @torch.no_grad()
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -280,6 +298,10 @@ class MatchCollector(BatchCollector):
                 raise ValueError(f"{key} is {entry.dtype} of shape {tuple(entry.shape)}")
             begun.set(key, entry)
         self._state = begun
+        if self._midway_starts is not None:
+            kept = state["kept_states"]
+            self._midway_starts.keep(MatchState(**entry["match"]) for entry in kept)
+            self._matches.begin_from(self._midway_starts.choose)
 
     def _begun(self, observation: Observation) -> TensorDict:
         """What episodes go on from that begin with this observation."""

@@ -120,6 +120,26 @@ class Matches:
         self.native.prepare(match, config, seed, episode_number)
         self._prepared[match] = seed, episode_number
 
+    def prepare_state(self, match: int, state: MatchState) -> None:
+        """Says in which state of an earlier episode a match begins next.
+
+        Args:
+            match: The one that goes on from it, and then replays exactly, whatever was played
+                since.
+            state: Of a match of this scenario. The engine takes it as it is: one that was tampered
+                with can do to the process whatever it wants.
+
+        Raises:
+            TypeError: A value in it is of another type.
+        """
+        check_field_types(state)
+        # Which team is processed first, and who kicks off, is no part of the engine's state.
+        config = build_scenario(self.scenario, state.seed, state.episode_number)
+        values = asdict(state)
+        episode = values.pop("seed"), values.pop("episode_number")
+        self.native.prepare_state(match, config, *episode, **values)
+        self._prepared[match] = episode
+
     def begin(self, matches: Sequence[int]) -> None:
         """Has these matches begin what is prepared, up to where the game is in play."""
         batch = self.native.send_begin(matches, self._rows)
@@ -163,25 +183,14 @@ class Matches:
         return MatchState(seed, number, **self.native.state(match))
 
     def set_state(self, match: int, state: MatchState) -> None:
-        """Goes on from a state; the match then replays exactly, whatever was played since.
-
-        Args:
-            match: The one that goes on.
-            state: Of a match of this scenario. The engine takes it as it is: one that was tampered
-                with can do to the process whatever it wants.
+        """Goes on from a state, see :meth:`prepare_state`.
 
         Raises:
             ValueError: It is not the state of such a match, as far as can be seen.
             TypeError: A value in it is of another type.
         """
-        check_field_types(state)
-        # Which team is processed first, and who kicks off, is no part of the engine's state.
-        self.prepare(match, state.seed, state.episode_number)
-        values = asdict(state)
-        del values["seed"], values["episode_number"]
-        batch = self.native.send_restore(match, **values, rows=self._rows)
-        self.episodes[match] = state.seed, state.episode_number
-        batch.wait()
+        self.prepare_state(match, state)
+        self.begin([match])
 
     def close(self) -> None:
         """Ends the threads; the matches can't be used any more."""

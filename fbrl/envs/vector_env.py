@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -26,7 +26,13 @@ from fbrl.scenarios import check_scenario
 ActionSet = Literal["default", "v2"]
 """Gfootball's names: 19 actions, or these and :data:`~fbrl.envs.engine.BUILTIN_AI`."""
 
+ChooseStart = Callable[[int], MatchState | None]
+
 ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
+
+
+def _at_the_beginning(engine_seed: int) -> None:
+    """Where episodes begin by default."""
 
 
 class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
@@ -44,6 +50,10 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         observation_keys: As for :class:`FootballEnv`.
         action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
         render_mode: As for :class:`FootballEnv`; the matches are seen from above.
+
+    Attributes:
+        begun_midway: Which matches are in an episode that began in a state of an earlier one, see
+            :meth:`begin_from`; bool (num_envs,).
 
     Raises:
         ValueError: ``num_envs`` or ``num_threads`` is not positive, or a key is unknown.
@@ -91,6 +101,9 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
         # What each match begins at its end, while the other ones are still stepped.
         self._next_episodes: list[EpisodeSeeds | None] = [None] * num_envs
+        self._choose_start: ChooseStart = _at_the_beginning
+        self.begun_midway = np.zeros(num_envs, bool)
+        self._next_midway = np.zeros(num_envs, bool)
 
     def reset(
         self,
@@ -180,8 +193,35 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             episode = self._next_episodes[index]
             assert episode is not None
             self._episodes[index] = episode
+            self.begun_midway[index] = self._next_midway[index]
             self._matches.begun_anew([index])
             self._prepare_next(index)
+
+    def begin_from(self, choose_start: ChooseStart) -> None:
+        """Says where episodes begin from now on, but for those that are given a seed.
+
+        Args:
+            choose_start: Given the engine seed with which an episode would begin, returns a state
+                of an earlier episode of this scenario in which it is to begin, or None.
+
+        Raises:
+            RuntimeError: A match has not begun or has ended.
+        """
+        self._check_open()
+        self._check_none_ended(self._matches.not_running(), "begin_from()")
+        self._choose_start = choose_start
+        for index in range(self.num_envs):
+            self._prepare_next(index)
+
+    def match_states(self) -> list[MatchState]:
+        """The state of each match, which has to be running.
+
+        Raises:
+            RuntimeError: A match has not begun or has ended.
+        """
+        self._check_open()
+        self._check_none_ended(self._matches.not_running(), "match_states()")
+        return [self._matches.get_state(index) for index in range(self.num_envs)]
 
     def disturb(self, disturbance: Any) -> None:
         """Puts something in the place of steps: the engine's ``Disturbance``, or None to end it."""
@@ -210,14 +250,14 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         Raises:
             RuntimeError: A match has not begun or has ended.
         """
-        self._check_open()
         self._check_none_ended(self._matches.not_running(), "get_state()")
         return [
             {
-                "match": dataclasses.asdict(self._matches.get_state(index)),
-                "episodes": episodes.get_state(),
+                "match": dataclasses.asdict(match),
+                "episodes": self._episodes[index].get_state(),
+                "begun_midway": bool(self.begun_midway[index]),
             }
-            for index, episodes in enumerate(self._episodes)
+            for index, match in enumerate(self.match_states())
         ]
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> Observation:
@@ -264,15 +304,21 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """Goes on to the episode that comes next, or to the first one of a seed."""
         if seed is None and (episode := self._next_episodes[index]):
             self._episodes[index] = episode
+            self.begun_midway[index] = self._next_midway[index]
             return
+        self.begun_midway[index] = False
         self._episodes[index].advance(seed)
         self._prepare(index, self._episodes[index])
 
     def _prepare_next(self, index: int) -> None:
         episode = copy.deepcopy(self._episodes[index])
         episode.advance()
-        self._prepare(index, episode)
-        self._next_episodes[index] = episode
+        start = self._choose_start(episode.engine_seed)
+        if start is None:
+            self._prepare(index, episode)
+        else:
+            self._matches.prepare_state(index, start)
+        self._next_episodes[index], self._next_midway[index] = episode, start is not None
 
     def _prepare(self, index: int, episode: EpisodeSeeds) -> None:
         self._matches.prepare(index, episode.engine_seed, episode.number)
@@ -281,6 +327,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         try:
             self._matches.set_state(index, MatchState(**state["match"]))
             self._episodes[index].set_state(state["episodes"])
+            # Before there were any, nothing was said of it.
+            self.begun_midway[index] = state.get("begun_midway", False)
             self._prepare_next(index)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             reason = f"{type(error).__name__}: {error}"

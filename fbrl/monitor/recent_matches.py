@@ -56,6 +56,9 @@ class RecentMatches:
         following = batch.get("next")
         # In the order in which the matches ended: step by step, not match by match.
         ended = following.get("done").squeeze(-1).transpose(0, 1)
+        # Those that began in the middle are other matches.
+        if (begun_midway := following.get("begun_midway", None)) is not None:
+            ended = ended & ~begun_midway.transpose(0, 1)
 
         def at_the_end(key: str) -> Tensor:
             return following.get(key).transpose(0, 1)[ended].to(torch.float64)

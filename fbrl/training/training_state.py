@@ -56,6 +56,7 @@ class TrainingState:
         self._batch_start = {
             "next_step": collected["next_step"],
             "matches": [_with_engine(match, _to_tensor) for match in collected["matches"]],
+            "kept_states": [_with_engine(kept, _to_tensor) for kept in collected["kept_states"]],
             "random_numbers": {
                 "cpu": torch.get_rng_state(),
                 "cuda": torch.cuda.get_rng_state(self.ppo.device) if on_gpu else None,
@@ -126,9 +127,15 @@ class TrainingState:
 
     def _load_matches(self, state: Mapping[str, Any]) -> None:
         if has_matches(state) and self._config.collector != "ray":
-            matches = [_with_engine(match, _to_bytes) for match in state["matches"]]
-            next_step = state["next_step"]
-            self.ppo.collector.load_state_dict({"matches": matches, "next_step": next_step})
+            # Before there were any, checkpoints had no entry for them.
+            kept = state.get("kept_states", [])
+            self.ppo.collector.load_state_dict(
+                {
+                    "matches": [_with_engine(match, _to_bytes) for match in state["matches"]],
+                    "kept_states": [_with_engine(one, _to_bytes) for one in kept],
+                    "next_step": state["next_step"],
+                }
+            )
         else:
             # Those of the training's own seed would be its first ones again.
             seeds = np.random.SeedSequence([self._config.seed, self.crashes, state["frames"]])
