@@ -16,7 +16,8 @@ class StatsBombServer:
 
     Attributes:
         requests: how often each path was asked for.
-        faults: what the next answers to a path are: a status, "truncated", "slow" or "dropped".
+        faults: what the next answers to a path are: a status, "truncated", "empty", "slow" or
+            "dropped".
         most_at_once: the largest number of requests that were being answered at one time.
     """
 
@@ -73,6 +74,8 @@ class StatsBombServer:
         body = file.read_bytes()
         if fault == "truncated":
             body = body[: len(body) // 2]
+        if fault == "empty":
+            body = b"[]"
         handler.send_response(200)
         handler.send_header("Content-Length", str(len(body)))
         handler.end_headers()

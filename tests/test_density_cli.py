@@ -6,6 +6,7 @@ import functools
 import json
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -173,10 +174,25 @@ class TestDownload:
             *("--competition", "9002", "--season", "1", "--filter", "all"),
         )
         assert re.search(r"Made League 2001/2002 +12\nInvented Cup 2001/2002 +8\n", printed.out)
-        assert "Note: 1 matches are listed but not published, and left out: 102." in printed.err
+        assert "Note: 1 matches are listed but not there yet, and left out: 102." in printed.err
         metadata = AssistDensity.load("assist_density.npz").metadata
         assert metadata.source == "Made League 2001/2002 and Invented Cup 2001/2002"
         assert metadata.counts == {"Made League 2001/2002": 12, "Invented Cup 2001/2002": 8}
+
+    @pytest.mark.parametrize("cache", ["/dev/null/cache", None])
+    def test_without_a_cache_one_note_says_so_and_nothing_is_lost(
+        self, run, server, monkeypatch, cache
+    ):
+        if cache is None:  # nor a home: a user whom the system doesn't know
+            monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+            monkeypatch.setattr(Path, "home", lambda: Path("~nobody-of-this-name").expanduser())
+        else:
+            monkeypatch.setenv("XDG_CACHE_HOME", cache)
+        printed = run("fit", *("--competition", "9001", "--season", "1", "--filter", "all"))
+        assert printed.err.count("Note: What is downloaded is not kept") == 1
+        assert "XDG_CACHE_HOME" in printed.err
+        assert "Traceback" not in printed.err
+        assert AssistDensity.load("assist_density.npz").metadata.counts
 
     def test_without_network_one_line_names_the_way_out(self, run, server, tmp_path):
         server.close()

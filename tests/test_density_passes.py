@@ -206,7 +206,7 @@ class TestTables:
             ("", "lacks the columns"),
             ("x,y,end_x\n1,2,3\n", "lacks the columns.*end_y"),
             ("x,y,end_x,end_y\n1,2,3,4\n1,oops,3,4\n", "line 3: y is 'oops'"),
-            ("x,y,end_x,end_y\n1,2\n", "line 2: end_x is None"),
+            ("x,y,end_x,end_y\n1,2\n", "line 2 has 2 values, the header 4"),
             ("x,y,end_x,end_y,cross\n1,2,3,4,maybe\n", "line 2: cross is 'maybe'; expected 0 or 1"),
             ("x,y,end_x,end_y,match_id\n1,2,3,4,one\n", "line 2: match_id is 'one'"),
         ],
@@ -244,12 +244,31 @@ class TestEventFiles:
         assert [row.cross for row in found] == [False, True, False, False, False]
 
     @pytest.mark.parametrize(
+        "damage",
+        [
+            lambda event: event.pop("location"),
+            lambda event: event["pass"].pop("end_location"),
+            lambda event: event.update(location=None),
+        ],
+    )
+    def test_a_pass_without_a_position_is_named_or_left_out(self, tmp_path, damage):
+        events = json.loads((FILES / "events/101.json").read_text())
+        damage(next(event for event in events if event.get("pass", {}).get("goal_assist")))
+        (tmp_path / "101.json").write_text(json.dumps(events))
+        found = read_event_files(tmp_path)
+        with pytest.raises(ValueError, match=r"pass 1 \(match 101\) .*--drop-unusable"):
+            clean(found)
+        cleaned = clean(found, drop_unusable=True)
+        assert (len(cleaned.rows), cleaned.unusable) == (4, 1)
+
+    @pytest.mark.parametrize(
         ("name", "content", "message"),
         [
             ("1.json", b"[{", r"1\.json is damaged"),
             ("1.json", b"\xff", r"1\.json is damaged"),
             ("1.json", b"{}", r"1\.json holds a dict, not a list"),
             ("1.json", b'[{"type": 5}]', "Match 1: an event is not in StatsBomb's layout"),
+            ("1.json", b"[]", r"1\.json holds no events"),
             ("1.json", b"[5]", "Match 1: an event is not in StatsBomb's layout"),
             ("1.json.gz", b"[]", r"1\.json\.gz is damaged"),
             ("1.json.gz", gzip.compress(b"[]" * 500, mtime=0)[:-9], r"1\.json\.gz is damaged"),

@@ -190,8 +190,8 @@ class TestPublished:
         [
             ("", "no column scenario and no reward and no value"),
             ("scenario,value\n", "no column reward"),
-            (f"scenario,reward,value\n{CORNER},scoring\n", "line 2 has too few or too many"),
-            (f"scenario,reward,value\n{CORNER},scoring,1,2\n", "line 2 has too few or too many"),
+            (f"scenario,reward,value\n{CORNER},scoring\n", "line 2 has . values, the header 3"),
+            (f"scenario,reward,value\n{CORNER},scoring,1,2\n", "line 2 has . values, the header 3"),
             (f"scenario,reward,value\n{CORNER},scoring,?\n", "has '\\?' as value"),
             (f"scenario,reward,value\n{CORNER},scoring,nan\n", "no finite number"),
             ("scenario,reward,value\nacademy_corners,scoring,1\n", "line 2: .*academy_corner\\?"),

@@ -221,6 +221,18 @@ class TestCache:
         assert positions(source.passes([CUP])) == passes_in_files(201, 202)
         assert server.requests["events/201.json"] == 2
 
+    def test_a_match_without_events_is_named_and_asked_for_again(self, source, server):
+        server.faults["events/201.json"] = ["empty"]
+        assert positions(source.passes([CUP])) == passes_in_files(202)
+        assert source.missing == [201]
+        assert positions(source.passes([CUP])) == passes_in_files(201, 202)
+        assert source.missing == []
+
+    def test_a_season_without_matches_is_asked_for_again(self, source, server):
+        server.faults["matches/9002/1.json"] = ["empty"]
+        assert positions(source.passes([CUP])) == []
+        assert positions(source.passes([CUP])) == passes_in_files(201, 202)
+
     def test_holds_passes_and_no_events(self, source):
         source.passes([LEAGUE])
         files = sorted(source.cache.directory.iterdir())

@@ -26,6 +26,7 @@ from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.run_files import CHECKPOINT_NAME
 from fbrl.training import TrainListener, run_checkpoints, train, trainer
+from fbrl.training.pictures import MatchPictures
 from fbrl.training.training_loop import evaluation_is_due
 from fbrl.transforms import MiniMapCells
 
@@ -236,6 +237,19 @@ def test_without_the_extra_pictures_are_left_out_with_one_warning(config, monkey
     assert "mplsoccer" in warned[0]
     assert "pip install" in warned[0]
     assert "eval_pictures=False, --no-eval-pictures" in warned[0]
+    assert read_images(config.run_dir) == []
+
+
+def test_pictures_that_fail_end_no_training(config, monkeypatch):
+    def fail(self, positions):
+        raise ValueError("backend 'module://somebody_elses' is no valid value")
+
+    monkeypatch.setattr(MatchPictures, "positions", fail)
+    warned = []
+    result = train(config, TrainListener(on_warning=warned.append))
+    assert result.trained is not None
+    assert len(warned) == 1
+    assert "go on without pictures (ValueError: backend 'module://" in warned[0]
     assert read_images(config.run_dir) == []
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from fbrl.analysis.run_groups import RunGroup
 from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until
 from fbrl.checks.names import UnknownNameError, check_name
 from fbrl.components import REWARDS
+from fbrl.files.csv_table import as_number, read_csv_table
 from fbrl.run_files import EVALUATIONS_NAME
 from fbrl.scenarios import check_scenario
 
@@ -177,28 +177,23 @@ def _result(
 
 def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            table = csv.DictReader(file, restkey="", restval=None)
-            names = table.fieldnames or []
-            rows = list(table)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        table = read_csv_table(path)
+    except (OSError, ValueError) as error:
         raise ResultsError(f"{path} cannot be read as a table ({error}).") from error
-    missing = [name for name in ("scenario", *columns) if name not in names]
+    missing = [name for name in ("scenario", *columns) if name not in table.columns]
     if missing:
         raise ResultsError(f"{path} has no column {' and no '.join(missing)}.")
-    for number, row in enumerate(rows, start=2):
-        if None in row.values() or "" in row:
-            raise ResultsError(f"{path} is damaged: line {number} has too few or too many values.")
+    for line, row in zip(table.lines, table.rows, strict=True):
         try:
             check_scenario(row["scenario"])
         except UnknownNameError as error:
-            raise UnknownNameError(f"{path}, line {number}: {error}") from error
-    return rows
+            raise UnknownNameError(f"{path}, line {line}: {error}") from error
+    return table.rows
 
 
 def _number(path: Path, row: Mapping[str, str], column: str) -> float:
     try:
-        number = float(row[column])
+        number = as_number(row[column])
     except ValueError:
         number = math.nan
     if not math.isfinite(number):

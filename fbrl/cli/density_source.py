@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -86,13 +87,15 @@ def _download(options: argparse.Namespace, notes: list[str]) -> Passes:
         disable=not screen.is_terminal,
     ) as progress:
         bar = progress.add_task("", total=None)
-        found = [source.find(*pair) for pair in zip(competitions, seasons, strict=True)]
-        passes = source.passes(
-            found, lambda done, of: progress.update(bar, completed=done, total=of)
-        )
+        with warnings.catch_warnings(record=True) as warned:
+            found = [source.find(*pair) for pair in zip(competitions, seasons, strict=True)]
+            passes = source.passes(
+                found, lambda done, of: progress.update(bar, completed=done, total=of)
+            )
+    notes += [str(warning.message) for warning in warned]
     if source.missing:
         shown = ", ".join(map(str, source.missing[:5])) + (", ..." * (len(source.missing) > 5))
         notes.append(
-            f"{len(source.missing)} matches are listed but not published, and left out: {shown}."
+            f"{len(source.missing)} matches are listed but not there yet, and left out: {shown}."
         )
     return passes

@@ -94,19 +94,23 @@ def passes_of_match(events: Iterable[Mapping[str, Any]], match_id: int) -> list[
 
 def _pass_of_event(event: Mapping[str, Any], match_id: int) -> Pass:
     details = event["pass"]
-    x, y = (float(value) for value in event["location"][:2])
-    end_x, end_y = (float(value) for value in details["end_location"][:2])
     return Pass(
-        x,
-        y,
-        end_x,
-        end_y,
+        *_position(event.get("location")),
+        *_position(details.get("end_location")),
         match_id=match_id,
         play_pattern=_name(event["play_pattern"]),
         pass_type=_name(details["type"]) if "type" in details else None,
         cross=bool(details.get("cross", False)),
         goal_assist=bool(details.get("goal_assist", False)),
     )
+
+
+def _position(location: Sequence[Any] | None) -> tuple[float, float]:
+    """NaN where an event lacks it, which :func:`clean` leaves out or refuses."""
+    if not location:
+        return math.nan, math.nan
+    x, y = (float(value) for value in location[:2])
+    return x, y
 
 
 def _name(entry: Mapping[str, Any]) -> str:

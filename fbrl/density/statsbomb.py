@@ -85,6 +85,8 @@ class OpenData:
         config, entities = _statsbombpy()
         address = config.OPEN_DATA_PATHS["events"].format(match_id=match_id)
         events = self._get(address, lambda listed: entities.events(listed, match_id))
+        if not events:
+            raise NotPublishedError(f"{address} holds no events yet.")
         return passes_of_match(events.values(), match_id)
 
     def _get(self, address: str, parse: Callable[[list[Any]], dict[Any, Any]]) -> dict[Any, Any]:
@@ -275,7 +277,8 @@ class StatsBombSource:
         kept = None if refresh or self.refresh else self.cache.listing(name)
         if kept is None:
             kept = read()
-            self.cache.keep_listing(name, kept)
+            if kept:  # what is still empty may be published later
+                self.cache.keep_listing(name, kept)
         return kept
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import gzip
 import json
 import os
@@ -19,8 +18,9 @@ from fbrl.density.passes import (
     in_group,
     passes_of_match,
 )
+from fbrl.files.csv_table import as_number, as_whole_number, read_csv_table
 
-_TRUTHS = {"1": True, "true": True, "0": False, "false": False, "": False}
+_TRUTHS = {"1": True, "1.0": True, "true": True, "0": False, "0.0": False, "false": False}
 
 
 def read_passes_csv(path: str | os.PathLike[str]) -> Passes:
@@ -36,22 +36,20 @@ def read_passes_csv(path: str | os.PathLike[str]) -> Passes:
             file, the line, the column and the value.
         OSError: if the file cannot be read.
     """
-    with Path(path).open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
-        try:
-            header = reader.fieldnames or []
-            missing = [column for column in POSITION_COLUMNS if column not in header]
-            if missing:
-                raise ValueError(
-                    f"{path} lacks the columns {missing}; it has {list(header)}. "
-                    "Expected x, y, end_x and end_y on the 120 x 80 pitch."
-                )
-            rows = [_pass_of_row(row, f"{path}, line {reader.line_num}") for row in reader]
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise ValueError(f"{path} is not a CSV table ({error}).") from error
+    table = read_csv_table(path)
+    missing = [column for column in POSITION_COLUMNS if column not in table.columns]
+    if missing:
+        raise ValueError(
+            f"{path} lacks the columns {missing}; it has {table.columns}. "
+            "Expected x, y, end_x and end_y on the 120 x 80 pitch."
+        )
+    rows = [
+        _pass_of_row(row, f"{path}, line {line}")
+        for line, row in zip(table.lines, table.rows, strict=True)
+    ]
     unnamed = Path(path).name
     rows = [row if row.group else in_group([row], unnamed)[0] for row in rows]
-    return Passes(rows, EVENT_COLUMNS & set(header), str(path))
+    return Passes(rows, EVENT_COLUMNS & set(table.columns), str(path))
 
 
 def _pass_of_row(row: dict[str, str], where: str) -> Pass:
@@ -61,7 +59,7 @@ def _pass_of_row(row: dict[str, str], where: str) -> Pass:
         y,
         end_x,
         end_y,
-        match_id=_number(row, "match_id", where, int) if row.get("match_id") else None,
+        match_id=_number(row, "match_id", where, as_whole_number) if row.get("match_id") else None,
         group=" ".join(filter(None, [row.get("competition"), row.get("season")])),
         play_pattern=row.get("play_pattern") or None,
         pass_type=row.get("pass_type") or None,
@@ -71,22 +69,22 @@ def _pass_of_row(row: dict[str, str], where: str) -> Pass:
 
 
 def _number(
-    row: dict[str, str], column: str, where: str, kind: Callable[[str], Any] = float
+    row: dict[str, str], column: str, where: str, kind: Callable[[str], Any] = as_number
 ) -> Any:
     try:
         return kind(row[column])
-    except (TypeError, ValueError):
+    except ValueError:
         raise ValueError(
             f"{where}: {column} is {row[column]!r}, not a number. Correct or drop the row."
         ) from None
 
 
 def _truth(row: dict[str, str], column: str, where: str, *, absent: bool) -> bool:
-    value = row.get(column, absent)
-    if isinstance(value, bool):
-        return value
+    if column not in row:
+        return absent
+    value = row[column]
     try:
-        return _TRUTHS[(value or "").strip().lower()]
+        return bool(value) and _TRUTHS[value.lower()]
     except KeyError:
         raise ValueError(f"{where}: {column} is {value!r}; expected 0 or 1.") from None
 
@@ -131,4 +129,6 @@ def _read_events(path: Path) -> list[dict[str, Any]]:
         ) from error
     if not isinstance(events, list):
         raise ValueError(f"{path} holds a {type(events).__name__}, not a list of events.")
+    if not events:
+        raise ValueError(f"{path} holds no events. Download it again, or remove it.")
     return events

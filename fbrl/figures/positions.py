@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fbrl.files.csv_table import as_number, read_csv_table
+
 
 def write_positions(path: str | os.PathLike[str], positions: NDArray[np.float64]) -> None:
     """Writes positions as a CSV table with the columns x and y in pitch units."""
@@ -28,13 +30,13 @@ def read_positions(path: str | os.PathLike[str]) -> NDArray[np.float64]:
         ValueError: a column is missing, a value is no finite number, or there is no row.
         OSError: the file cannot be read.
     """
-    with Path(path).open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
+    table, rows = read_csv_table(path), []
+    for line, row in zip(table.lines, table.rows, strict=True):
         try:
-            rows = [(float(row["x"]), float(row["y"])) for row in reader]
-        except (KeyError, TypeError, ValueError, csv.Error) as error:
+            rows.append((as_number(row["x"]), as_number(row["y"])))
+        except (KeyError, ValueError) as error:
             raise ValueError(
-                f"{path}, line {reader.line_num}: no position ({type(error).__name__}: {error}). "
+                f"{path}, line {line}: no position ({type(error).__name__}: {error}). "
                 "Expected the columns x and y in pitch units, [-1, 1] x [-0.42, 0.42]."
             ) from error
     positions = np.array(rows, dtype=np.float64).reshape(-1, 2)

@@ -139,9 +139,11 @@ class Evaluator:
                 BALL_POSITIONS: self._pictures.positions(positions),
                 MATCH_VIDEO: self._pictures.film(match),
             }
-        except OSError as error:
+        except Exception as error:  # whatever may be wrong with what draws, a training goes on
             self._pictures = None
-            self._on_warning(f"The evaluations go on without pictures ({error}).")
+            self._on_warning(
+                f"The evaluations go on without pictures ({type(error).__name__}: {error})."
+            )
             return {}
 
 
