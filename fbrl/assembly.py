@@ -132,7 +132,8 @@ def make_collector(
         on_warning: Called with one line when matches are lost.
 
     Raises:
-        ConfigError: The Ray cluster that this process is connected to has no room for the matches.
+        ConfigError: This machine, or the Ray cluster that this process is connected to, has no room
+            for the matches.
     """
     if config.collector == "ray":
         # It can't be imported where Ray is not installed.
@@ -161,6 +162,9 @@ def make_collector(
             seed=config.seed,
         )
 
-    if not config.collect_ahead:
+    try:
+        if config.collect_ahead:
+            return AheadCollector(in_this_process, policy)
         return in_this_process(policy)
-    return AheadCollector(in_this_process, policy)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error

@@ -25,6 +25,9 @@ from fbrl.components import (
 )
 from fbrl.scenarios import check_scenario
 
+LARGEST = 10**12
+"""Of any number of frames, matches or seconds."""
+
 _HOW = {"is_how": True, "may_change": True}
 _MAY_CHANGE = {"may_change": True}
 
@@ -110,7 +113,7 @@ class PPOConfig:
         """Raises :class:`ConfigError` for a value of another type or out of range."""
         check_types(self)
         for name in ("total_frames", "num_envs", "num_steps", "num_minibatches", "num_epochs"):
-            _check(self, name, getattr(self, name) >= 1, "at least 1")
+            _check(self, name, 1 <= getattr(self, name) <= LARGEST, f"in [1, {LARGEST:,}]")
         for name in ("learning_rate", "clip_epsilon", "critic_coeff", "max_grad_norm"):
             value = getattr(self, name)
             _check(self, name, math.isfinite(value) and value > 0, "a number above 0")
@@ -261,7 +264,7 @@ class TrainConfig:
             LOGGERS.check(name)
         for name in ("num_threads", "num_groups", "num_workers"):
             value = getattr(self, name)
-            _check(self, name, value is None or value >= 1, "at least 1")
+            _check(self, name, value is None or 1 <= value <= LARGEST, f"in [1, {LARGEST:,}]")
         if self.num_workers and self.collector == "threads":
             raise ConfigError("num_workers is only used with the collector ray.")
         if self.collector == "ray" and self.collect_ahead:
@@ -273,9 +276,10 @@ class TrainConfig:
                 f"num_workers is {self.num_workers}; to share {self.ppo.num_envs} matches "
                 "(num_envs) out evenly to ray's workers it must divide them."
             )
-        _check(self, "checkpoint_interval", self.checkpoint_interval >= 1, "at least 1")
+        interval = self.checkpoint_interval
+        _check(self, "checkpoint_interval", 1 <= interval <= LARGEST, f"in [1, {LARGEST:,}]")
         for name in ("checkpoint_keep_interval", "hang_timeout", "eval_episodes", "eval_interval"):
-            _check(self, name, getattr(self, name) >= 0, "at least 0")
+            _check(self, name, 0 <= getattr(self, name) <= LARGEST, f"in [0, {LARGEST:,}]")
         self.ppo.check()
 
     @property

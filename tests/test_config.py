@@ -141,7 +141,7 @@ def test_a_dictionary_that_is_no_configuration_is_refused(values):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"num_envs": 0}, "num_envs is 0; it must be at least 1"),
+        ({"num_envs": 0}, "num_envs is 0; it must be in \\[1, 1,000"),
         ({"learning_rate": 0.0}, "learning_rate is 0.0"),
         ({"learning_rate": float("nan")}, "learning_rate is nan"),
         ({"clip_epsilon": -0.1}, "clip_epsilon is -0.1"),

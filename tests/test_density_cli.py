@@ -290,7 +290,7 @@ class TestPlot:
             (["agent", "--positions", "passes.csv", "--out", "no/a.png"], "no directory no"),
             (["agent", "--positions", "bad.csv", "--out", "a.png"], "bad.csv, line 2: no position"),
             (["agent", "--run", "nowhere", "--out", "a.png"], "no checkpoint at nowhere"),
-            (["agent", "--run", ".", "--episodes", "0", "--out", "a.png"], "0 is not at least 1"),
+            (["agent", "--run", ".", "--episodes", "0", "--out", "a.png"], r"0 is not in \[1, "),
             (
                 ["agent", "--run", ".", "--save-positions", "no/p.csv", "--out", "a.png"],
                 "no directory no",

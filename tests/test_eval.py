@@ -240,7 +240,7 @@ BAD_INPUT = {
     "threshold": (["nowhere", "--threshold", "nan"], "finite"),
     "group": (["nowhere", "--scenario", "all-acadmy"], "all-academy"),
     "scenario": (["nowhere", "--scenario", "academy_empty_gaol"], "academy_empty_goal"),
-    "episodes": (["nowhere", "--episodes", "0"], "at least 1"),
+    "episodes": (["nowhere", "--episodes", "0"], "0 is not in [1, 1,000,000,000]"),
     "seed": (["nowhere", "--seed", "-1"], "[0, 2**32 - 1]"),
     "mode": (["nowhere", "--mode", "best"], "greedy"),
     "no directory": (["nowhere", "--json", "no/where.json"], "no directory"),

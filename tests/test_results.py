@@ -208,6 +208,6 @@ class TestPublished:
 
     def test_a_missing_or_binary_table_is_named(self, tmp_path):
         (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
-        for name in ("nowhere.csv", "binary.csv"):
-            with pytest.raises(ResultsError, match=rf"{name} cannot be read as a table"):
+        for name, what in (("nowhere.csv", "cannot be read as a"), ("binary.csv", "is not a CSV")):
+            with pytest.raises(ResultsError, match=rf"{name} {what} table"):
                 read_published(tmp_path / name, "convergence")

@@ -111,7 +111,7 @@ BAD_INPUT = {
     "policy": (["--policy", "best"], "builtin-ai"),
     "policy of what": (["--policy", "idle"], "--policy needs a --scenario"),
     "view": (["nowhere", "--view", "4d"], "both"),
-    "episodes": (["nowhere", "--episodes", "0"], "at least 1"),
+    "episodes": (["nowhere", "--episodes", "0"], "0 is not in [1, 1,000,000,000]"),
     "seed": (["nowhere", "--seed", "-1"], "[0, 2**32 - 1]"),
     "fps": (["nowhere", "--fps", "nan"], "[1, 100]"),
     "width": (["nowhere", "--width", "100"], "a multiple of 4 in [320, 3840]"),

@@ -178,8 +178,10 @@ def _result(
 def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     try:
         table = read_csv_table(path)
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise ResultsError(f"{path} cannot be read as a table ({error}).") from error
+    except ValueError as error:
+        raise ResultsError(str(error)) from error
     missing = [name for name in ("scenario", *columns) if name not in table.columns]
     if missing:
         raise ResultsError(f"{path} has no column {' and no '.join(missing)}.")

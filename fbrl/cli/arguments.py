@@ -9,6 +9,8 @@ from fbrl.components import ConfigError, import_modules
 
 IMPORT_HELP = "import this module, whose classes a run names; may be repeated"
 
+LARGEST_COUNT = 10**9
+
 DEFAULT_TOLERANCE = 0.1
 """How far below a threshold still counts as kept."""
 
@@ -34,10 +36,10 @@ def _imported(name: str) -> str:
 
 
 def positive_integer(text: str) -> int:
-    """An integer of at least 1."""
+    """An integer of at least 1, of things that can be counted up to."""
     value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
+    if not 1 <= value <= LARGEST_COUNT:
+        raise argparse.ArgumentTypeError(f"{value} is not in [1, {LARGEST_COUNT:,}]")
     return value
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 from torchrl.envs import Transform, TransformedEnv
 
 from fbrl.checks.counts import check_count
+from fbrl.checks.memory import check_memory
 from fbrl.collect.collector import BatchCollector, inference_threads, torch_threads
 from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
 from fbrl.envs.episode_seeds import check_seed
@@ -134,7 +135,13 @@ class MatchCollector(BatchCollector):
             }
             return {key: torch.from_numpy(array) for key, array in arrays.items()} | observed
 
-        self._root, self._next, self._end = columns(steps), columns(steps), columns(1)
+        self._end = columns(1)
+        check_memory(
+            f"A batch of {num_envs} matches (num_envs) and {steps} steps (num_steps)",
+            2 * steps * sum(column.nbytes for column in self._end.values()),
+            "Make one of them smaller.",
+        )
+        self._root, self._next = columns(steps), columns(steps)
         for name in RESULTS:
             del self._root[name], self._end[name]
         self._flags = [self._next[name].numpy() for name in ("terminated", "truncated")]

@@ -18,6 +18,9 @@ MIN_POINTS = 10
 WIDEST_BANDWIDTH = 1000.0
 """Far wider than the pitch, in units or in metres."""
 
+NARROWEST_BANDWIDTH = 1e-6
+"""Far finer than any position."""
+
 _QUERY_BLOCK = 4096
 
 
@@ -94,7 +97,7 @@ def kernel_covariance(
         A (2, 2) covariance matrix.
 
     Raises:
-        ValueError: for an unknown rule, or a number that is not positive and finite.
+        ValueError: for an unknown rule, or a number out of that range.
     """
     scale = np.array(METRES_PER_UNIT if metres else (1.0, 1.0))
     return _covariance(points * scale, bandwidth) / np.outer(scale, scale)
@@ -112,12 +115,12 @@ def _covariance(
         factor = (n * scale) ** (-1.0 / (dimensions + 4))
         return factor**2 * np.cov(points, rowvar=False, ddof=1)
     is_number = isinstance(bandwidth, (int, float)) and not isinstance(bandwidth, bool)
-    if is_number and 0 < float(bandwidth) <= WIDEST_BANDWIDTH:
+    if is_number and NARROWEST_BANDWIDTH <= float(bandwidth) <= WIDEST_BANDWIDTH:
         return float(bandwidth) ** 2 * np.eye(2)
     allowed = ", ".join(repr(rule) for rule in get_args(BandwidthRule))
     raise ValueError(
-        f"bandwidth is {bandwidth!r}; expected one of {allowed}, or a positive number up to "
-        f"{WIDEST_BANDWIDTH:g}."
+        f"bandwidth is {bandwidth!r}; expected one of {allowed}, or a number from "
+        f"{NARROWEST_BANDWIDTH:g} to {WIDEST_BANDWIDTH:g}."
     )
 
 

@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from fbrl.checks.counts import check_count
+from fbrl.checks.memory import check_memory
 from fbrl.checks.names import check_name
 from fbrl.envs.arguments import check_actions, check_mask, check_options
 from fbrl.envs.engine import NUM_ACTIONS
@@ -25,6 +26,9 @@ from fbrl.scenarios import check_scenario
 
 ActionSet = Literal["default", "v2"]
 """Gfootball's names: 19 actions, or these and :data:`~fbrl.envs.engine.BUILTIN_AI`."""
+
+BYTES_PER_MATCH = 2**20
+"""At least; those of 11 against 11 take up to 6 MB."""
 
 ChooseStart = Callable[[int], MatchState | None]
 
@@ -85,6 +89,11 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         num_envs = check_count("num_envs", num_envs)
         if num_threads is not None:
             num_threads = check_count("num_threads", num_threads)
+        check_memory(
+            f"num_envs is {num_envs}: so many matches",
+            num_envs * BYTES_PER_MATCH,
+            "Ask for fewer.",
+        )
         self.scenario = check_scenario(scenario)
         self.num_envs = num_envs
         # TorchRL's GymWrapper asks the instance, not its metadata.
