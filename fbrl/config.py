@@ -173,6 +173,11 @@ class TrainConfig:
     """Let the network see every state with the ball in the lower half of the pitch, mirrored where
     it is in the upper one."""
 
+    initial_weights: str | None = None
+    """Run, or checkpoint, of another training whose weights this one begins with, as of an easier
+    scenario; its network and observation have to be the same. By default they are random. The
+    frames of that training are not counted."""
+
     midway_starts: float = 0.0
     """Share of the matches of the training that begin in states which earlier ones came to. They
     count as frames, but not among the figures of matches, and no evaluation has any."""

@@ -17,7 +17,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from fbrl import assembly
 from fbrl.analysis.run_log import read_run_log
 from fbrl.assembly import make_model, make_training_reward
-from fbrl.checkpoint import load_checkpoint
+from fbrl.checkpoint import CheckpointError, load_checkpoint
 from fbrl.cli.train_options import parse_training
 from fbrl.collect import MatchCollector
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
@@ -315,3 +315,46 @@ def test_a_bad_density_is_answered_before_anything_is_made(config, tmp_path):
     with pytest.raises(ConfigError, match=r"bad\.npz"):
         train(dataclasses.replace(config, reward_options={"density": str(tmp_path / "bad.npz")}))
     assert not config.run_dir.exists()
+
+
+def test_a_training_may_begin_with_the_weights_of_another(config, tmp_path):
+    first = train(dataclasses.replace(config, run_dir=tmp_path / "first"))
+    learned = load_checkpoint(first.run_dir)["model"]
+    beginnings = []
+    harder = dataclasses.replace(
+        config,
+        scenario="academy_pass_and_shoot_with_keeper",
+        initial_weights=str(first.run_dir),
+        run_dir=tmp_path / "second",
+        # Next to nothing is learned.
+        ppo=dataclasses.replace(config.ppo, learning_rate=1e-12),
+    )
+    second = train(
+        harder, TrainListener(on_start=lambda run_dir, device, frames: beginnings.append(frames))
+    )
+    assert beginnings == [0]
+    for name, weight in load_checkpoint(second.run_dir)["model"].items():
+        torch.testing.assert_close(weight, learned[name], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"observation": "players"}, "whose observation is simple115; here it is players"),
+        ({"mirror": True}, "whose mirror is False; here it is True"),
+        ({"network_options": {"hidden_sizes": (5,)}}, "whose network_options is"),
+    ],
+)
+def test_weights_of_another_network_are_refused(config, tmp_path, changes, message):
+    first = train(dataclasses.replace(config, run_dir=tmp_path / "first", eval_episodes=0))
+    other = dataclasses.replace(
+        config, initial_weights=str(first.run_dir), run_dir=tmp_path / "second", **changes
+    )
+    with pytest.raises(ConfigError, match=message):
+        train(other)
+    assert not (tmp_path / "second").exists()
+
+
+def test_a_missing_training_to_begin_with_is_named(config, tmp_path):
+    with pytest.raises(CheckpointError, match="nowhere"):
+        train(dataclasses.replace(config, initial_weights=str(tmp_path / "nowhere")))

@@ -10,14 +10,16 @@ from typing import Any
 
 import torch
 
+from fbrl.agent import load_agent
 from fbrl.assembly import keep_density, make_collector, make_model, make_training_reward
 from fbrl.checkpoint import load_checkpoint
 from fbrl.collect.ray_cluster import connected_to_ray, workers_and_cpus
 from fbrl.collect.watchdog import Watchdog
-from fbrl.config import TrainConfig
+from fbrl.config import ConfigError, TrainConfig
 from fbrl.config_json import save_config
 from fbrl.device import choose_device
 from fbrl.envs.engine import load_gfootball
+from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
 from fbrl.run_files import CONFIG_NAME
@@ -64,6 +66,8 @@ def train(
     device = choose_device(config.device)
     torch.manual_seed(config.seed)
     model = make_model(config, device)
+    if config.initial_weights is not None and not resume:
+        _take_weights(model, config, Path(config.initial_weights))
     reward = make_training_reward(config, config.run_dir if resume else None)
     load_gfootball()
     with contextlib.ExitStack() as stack:
@@ -115,6 +119,24 @@ def train(
         # From the start there is something to go on from; a damaged one is replaced, not kept.
         checkpoints.save_first()
         return loop.run()
+
+
+def _take_weights(model: ActorCritic, config: TrainConfig, path: Path) -> None:
+    """Begins with the weights of another training.
+
+    Raises:
+        CheckpointError: There is no agent at the path.
+        ConfigError: Its network is another one, or reads something else.
+    """
+    other = load_agent(path)
+    for name in ("observation", "observation_options", "network_name", "network_options", "mirror"):
+        theirs, ours = getattr(other.config, name), getattr(config, name)
+        if theirs != ours:
+            raise ConfigError(
+                f"initial_weights is {path}, whose {name} is {theirs}; here it is {ours}. It has "
+                "to be the same."
+            )
+    model.load_state_dict(other.model.state_dict())
 
 
 def _tell_what_does_not_go_on(
