@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import random
 import subprocess
@@ -17,7 +18,7 @@ from torchrl.envs import GymEnv
 from torchrl.envs.utils import check_env_specs
 
 import fbrl
-from fbrl.envs import SCENARIOS, FootballEnv, UnknownNameError
+from fbrl.envs import SCENARIOS, FootballEnv, FootballVectorEnv, UnknownNameError
 from fbrl.envs.engine import build_scenario, load_gfootball
 
 FORCED_PASS_AFTER = 20
@@ -351,3 +352,53 @@ def test_version_is_that_of_the_package():
     from importlib.metadata import version
 
     assert fbrl.__version__ == version("fbrl")
+
+
+def test_a_copy_goes_on_as_the_match_itself_and_leaves_it_alone():
+    env = gymnasium.make("fbrl/academy_3_vs_1_with_keeper-v0", disable_env_checker=True)
+    env.reset(seed=5)
+    for action in (5, 5, 11):
+        env.step(action)
+    other = copy.deepcopy(env)
+    assert other.unwrapped is not env.unwrapped
+    assert other.spec == env.spec
+    futures = []
+    for match in (other, env):
+        steps = []
+        for _ in range(600):
+            observation, reward, terminated, truncated, info = match.step(len(steps) % 19)
+            steps.append((observation["ball"].tolist(), reward, terminated, truncated, info))
+            if terminated or truncated:
+                match.reset()
+        futures.append(steps)
+        match.close()
+    assert futures[0] == futures[1]
+    assert len({info["engine_seed"] for *_, info in futures[0]}) > 1, "no episode began after it"
+
+
+def test_a_copy_of_an_ended_match_begins_with_a_reset():
+    env = FootballEnv("academy_empty_goal_close")
+    other = copy.deepcopy(env)
+    env.reset(seed=2)
+    assert other.reset(seed=2)[0]["ball"].tolist() == env.reset(seed=2)[0]["ball"].tolist()
+    env.close()
+    other.close()
+
+
+def test_a_state_of_something_else_is_refused():
+    env, other = FootballEnv("academy_empty_goal_close"), FootballEnv("academy_corner")
+    other.reset(seed=1)
+    state = other.get_state()
+    for bad in (state, {}, {**state, "match": {**state["match"], "engine": b"1"}}):
+        with pytest.raises(ValueError, match="not that of a match"):
+            env.set_state(bad)
+    env.reset(seed=1)
+    env.close()
+    other.close()
+
+
+def test_matches_of_a_vector_environment_name_what_to_do_instead_of_a_copy():
+    env = FootballVectorEnv("academy_empty_goal_close", 2)
+    with pytest.raises(TypeError, match=r"get_state\(\) with set_state"):
+        copy.deepcopy(env)
+    env.close()

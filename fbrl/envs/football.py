@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import gymnasium
@@ -13,7 +15,7 @@ from gymnasium import spaces
 from fbrl.envs.arguments import check_options
 from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS
 from fbrl.envs.episode_seeds import check_seed, draw_seed
-from fbrl.envs.matches import Matches
+from fbrl.envs.matches import Matches, MatchState
 from fbrl.envs.observation import Observation, select_space, without_scalars
 from fbrl.envs.rendering import (
     DRAWN_KEYS,
@@ -146,6 +148,61 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         return {
             key: observed[key].reshape(box.shape) for key, box in self.observation_space.items()
         }
+
+    def get_state(self) -> dict[str, Any]:
+        """The state of the running match, and of what the next ones begin with.
+
+        Numbers, strings and bytes; 30 to 80 KB.
+
+        Raises:
+            RuntimeError: The episode has not begun or has ended, or the environment is closed.
+        """
+        return {
+            "match": dataclasses.asdict(self._matches.get_state(0)),
+            "episode_number": self._episode_number,
+            "np_random": self.np_random.bit_generator.state,
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> Observation:
+        """Goes on from a state: the match, and those after it, then replay exactly.
+
+        Args:
+            state: Of a match of this scenario, from a source that is trusted: see
+                :meth:`fbrl.envs.matches.Matches.prepare_state`.
+
+        Returns:
+            What is observed of it.
+
+        Raises:
+            ValueError: It is not, as far as can be seen.
+            RuntimeError: The match is drawn by the engine (view 3d), which can only follow it from
+                its beginning.
+        """
+        if self._in_engine:
+            raise RuntimeError("A match with view='3d' can't go on from a state: take view='2d'.")
+        try:
+            self._matches.set_state(0, MatchState(**state["match"]))
+            self._episode_number = int(state["episode_number"])
+            self.np_random.bit_generator.state = state["np_random"]
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise ValueError(f"The state is not that of a match ({reason}).") from error
+        return self._observe()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> FootballEnv:
+        """Another match that goes on as this one would, to look ahead say."""
+        other = type(self)(
+            self.scenario,
+            list(self.observation_space),
+            render_mode=self.render_mode,
+            view="3d" if self._in_engine else "2d",
+        )
+        other.spec = self.spec
+        other.np_random = copy.deepcopy(self.np_random)
+        other._episode_number = self._episode_number
+        if not self._matches.not_running():
+            other.set_state(self.get_state())
+        return other
 
     def render(self) -> np.ndarray | None:
         """Draws the last state; after an episode's end that is the one that ended it.

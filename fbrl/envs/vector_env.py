@@ -289,6 +289,13 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             self._set_match_state(index, state)
         return self._matches.observe()
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> FootballVectorEnv:
+        """Refuses: engines and threads can't be copied."""
+        raise TypeError(
+            "A FootballVectorEnv can't be copied. Make another one, and have it go on from this "
+            "one's get_state() with set_state()."
+        )
+
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the threads and hands the engines on to the next matches of this process."""
         self._matches.close()
