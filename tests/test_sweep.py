@@ -143,6 +143,25 @@ def test_points_are_the_combinations_of_the_lists(tmp_path, read_grid):
     assert not points[3].is_finished()
 
 
+def test_settings_are_combined_with_the_rest_and_name_the_runs(tmp_path, read_grid):
+    path = tmp_path / "grid.yaml"
+    path.write_text(
+        "scenario: academy_empty_goal\nseed: [0, 1]\n"
+        "settings:\n  light: {}\n  all of it: {observation: players, gamma: [0.99, 0.9]}\n"
+    )
+    points = read_grid(path, tmp_path)
+    assert [point.run_dir.name for point in points] == [
+        "setting=light,seed=0",
+        "setting=light,seed=1",
+        "setting=all_of_it,seed=0,gamma=0.99",
+        "setting=all_of_it,seed=0,gamma=0.9",
+        "setting=all_of_it,seed=1,gamma=0.99",
+        "setting=all_of_it,seed=1,gamma=0.9",
+    ]
+    assert [point.config.observation for point in points] == ["simple115"] * 2 + ["players"] * 4
+    assert points[-1].config.ppo.gamma == 0.9
+
+
 @pytest.mark.parametrize(
     ("grid", "message"),
     [
@@ -151,6 +170,8 @@ def test_points_are_the_combinations_of_the_lists(tmp_path, read_grid):
         ("scenario: academy_corner\nseed: [0, 0]", "would have the same directory"),
         ("scenario: academy_corner\nseed: []", "has an empty list"),
         ("scenario: academy_corner\nrun-dir: here", "has run-dir, which the sweep itself sets"),
+        ("scenario: academy_corner\nsettings: [light]", "settings that are no options by names"),
+        ("scenario: academy_corner\nsettings: {a: {run-dir: b}}", "has run-dir, which the sweep"),
     ],
 )
 def test_a_grid_that_is_none_is_an_error(tmp_path, read_grid, grid, message):

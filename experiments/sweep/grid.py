@@ -87,20 +87,26 @@ def read_grid(path: Path, runs: Path) -> list[Point]:
         raise ValueError(f"{path} is no YAML: {error}") from error
     if not isinstance(options, dict) or "scenario" not in options:
         raise ValueError(f"{path} has no options of fbrl-train, with a scenario among them.")
+    settings = options.pop("settings", {"": {}})
+    if not (isinstance(settings, dict) and all(isinstance(one, dict) for one in settings.values())):
+        raise ValueError(f"{path} has settings that are no options by names.")
     for name in OWN_OPTIONS:
-        if name in options:
+        if any(name in chosen for chosen in (options, *settings.values())):
             raise ValueError(f"{path} has {name}, which the sweep itself sets: leave it out.")
-    lists = {
-        str(name): value if isinstance(value, list) else [value] for name, value in options.items()
-    }
-    varied = [name for name, values in lists.items() if len(values) > 1]
     points = []
-    for values in itertools.product(*lists.values()):
-        chosen = dict(zip(lists, values, strict=True))
-        run_dir = runs / directory_name({name: chosen[name] for name in varied})
-        arguments = training_arguments(chosen)
-        config = parse_training("fbrl-train", [*arguments, "--run-dir", str(run_dir)])
-        points.append(Point(run_dir, arguments, config))
+    for setting, own_options in settings.items():
+        lists = {
+            str(name): value if isinstance(value, list) else [value]
+            for name, value in {**options, **own_options}.items()
+        }
+        varied = [name for name, values in lists.items() if len(values) > 1]
+        for values in itertools.product(*lists.values()):
+            chosen = dict(zip(lists, values, strict=True))
+            named = {"setting": setting} if setting else {}
+            run_dir = runs / directory_name(named | {name: chosen[name] for name in varied})
+            arguments = training_arguments(chosen)
+            config = parse_training("fbrl-train", [*arguments, "--run-dir", str(run_dir)])
+            points.append(Point(run_dir, arguments, config))
     if not points:
         raise ValueError(f"{path} has an empty list, so no training at all.")
     if len({point.run_dir for point in points}) < len(points):
