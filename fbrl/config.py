@@ -91,6 +91,10 @@ class PPOConfig:
     max_grad_norm: float = 0.64
     """The gradient is scaled down to this norm."""
 
+    normalize_reward: bool = False
+    """Divide the rewards by the size of the returns so far, so that the critic learns as well from
+    small ones."""
+
     normalize_advantage: bool = True
     """Shift and scale the advantages of each minibatch to mean 0 and deviation 1."""
 

@@ -46,6 +46,7 @@ def add_advantages(
     *,
     gamma: float,
     gae_lambda: float,
+    reward_scale: float = 1.0,
 ) -> None:
     """Writes ``advantage`` and ``value_target``: generalised advantage estimation.
 
@@ -57,11 +58,15 @@ def add_advantages(
         value_operator: Maps the observation to ``state_value``.
         gamma: Discount of a step.
         gae_lambda: Decay of the estimator.
+        reward_scale: What the rewards are divided by first; values are in this unit.
     """
     add_next_state_value(batch, value_operator)
     estimator = GAE(
         gamma=gamma, lmbda=gae_lambda, value_network=None, device=batch.get("state_value").device
     )
+    following = batch.get("next")
+    following.set("scaled_reward", following.get("reward") / reward_scale)
+    estimator.set_keys(reward="scaled_reward")
     estimator(batch, time_dim=1)
 
 

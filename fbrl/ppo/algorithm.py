@@ -11,6 +11,7 @@ from torchrl.objectives import ClipPPOLoss
 
 from fbrl.config import PPOConfig
 from fbrl.ppo.advantages import add_advantages, explained_variance
+from fbrl.ppo.reward_scale import RewardScale
 from fbrl.ppo.update import minibatches, update
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ class PPO:
         self.optimizer = torch.optim.Adam(
             model.parameters(), config.learning_rate, eps=1e-5, fused=True
         )
+        self._reward_scale = RewardScale(config.gamma)
         self._learned_keys = [
             *model.in_keys,
             "action",
@@ -98,6 +100,7 @@ class PPO:
             self.model.get_value_operator(),
             gamma=config.gamma,
             gae_lambda=config.gae_lambda,
+            reward_scale=self._reward_scale.update(batch) if config.normalize_reward else 1.0,
         )
         # All at once, and no observation of a following step, so that a GPU waits once.
         flat = batch.select(*self._learned_keys).reshape(-1).to(self.device)
@@ -127,6 +130,7 @@ class PPO:
             "frames": self.frames,
             "model": self.model.state_dict(),
             "optimizer": self.optimizer.state_dict(),
+            "reward_scale": self._reward_scale.state_dict(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -134,6 +138,8 @@ class PPO:
         self.frames = state["frames"]
         self.model.load_state_dict(state["model"])
         self.optimizer.load_state_dict(state["optimizer"])
+        # Checkpoints from before there was a scale have none.
+        self._reward_scale.load_state_dict(state.get("reward_scale", RewardScale(0).state_dict()))
 
     def _set_schedules(self) -> float:
         """The rate and the entropy's weight go linearly with the frames before this batch."""
