@@ -42,7 +42,9 @@ CONFIG = TrainConfig(
     ppo=PPO,
 )
 CONFIGS = {
-    "simple115": dataclasses.replace(CONFIG, midway_starts=0.5),
+    "simple115": dataclasses.replace(
+        CONFIG, midway_starts=0.5, ppo=dataclasses.replace(PPO, normalize_reward=True)
+    ),
     # Two matches of one thread each and a small batch: the convolutions take most of the time.
     "minimap": dataclasses.replace(
         CONFIG,
@@ -236,7 +238,7 @@ def test_a_file_that_lacks_anything_is_refused_by_what_it_lacks(copied):
     last = copied.run_dir / "checkpoints" / "last.pt"
     content = load_checkpoint(last)
     del content["format_version"]
-    for name in content.keys() - {"matches", "crashes", "kept_states"}:
+    for name in content.keys() - {"matches", "crashes", "kept_states", "reward_scale"}:
         save_checkpoint(last, **{key: value for key, value in content.items() if key != name})
         with pytest.raises(CheckpointError, match=f"has no {name}: no training can go on"):
             train(copied, resume=True)
