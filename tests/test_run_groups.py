@@ -47,6 +47,7 @@ def test_every_setting_either_parts_runs_or_does_not():
     parting = {
         "scenario", "reward", "reward_options", "observation", "observation_options", "mask",
         "mask_options", "network", "network_options", "mirror", "collect_ahead", "ppo",
+        "initial_weights", "midway_starts",
     }  # fmt: skip
     assert names == parting | NOT_TRAINED
     assert not parting & NOT_TRAINED
@@ -125,3 +126,10 @@ def test_each_run_for_itself_is_named_by_its_directory(run):
 
 def test_no_runs_are_no_groups():
     assert group_runs([]) == []
+
+
+def test_each_seed_may_have_begun_with_a_training_of_its_own(run):
+    runs = [run(seed=0, initial_weights="a"), run(seed=1, initial_weights="b"), run(seed=0)]
+    groups = group_runs(runs)
+    assert [group.runs for group in groups] == [tuple(runs[:2]), (runs[2],)]
+    assert [group.label for group in groups] == ["initial_weights given", "initial_weights None"]

@@ -89,6 +89,8 @@ def _settings(config: TrainConfig) -> dict[str, Any]:
         for name, value in {**values, **ppo}.items()
         if name not in NOT_TRAINED
     }
+    # Each seed begins with the weights of a training of its own.
+    learned["initial_weights"] = None if config.initial_weights is None else "given"
     return {"preset": nearest_preset(config), **learned}
 
 
