@@ -68,7 +68,7 @@ def test_what_is_written_is_read(tmp_path):
         ("", "holds no positions"),
         ("x,y\n", "holds no positions"),
         ("x,z\n1,2\n", "line 2: no position"),
-        ("x,y\n1\n", "line 2: no position"),
+        ("x,y\n1\n", "line 2 has 1 values, the header 2"),
         ("x,y\n1,here\n", "line 2: no position.*here"),
         ("x,y\n1,nan\n", "not finite"),
     ],

@@ -243,7 +243,7 @@ BAD_USAGE = {
     "no value": ([SCENARIO, "--preset"], "--preset"),
     "negative interval": (
         [SCENARIO, "--eval-interval", "-1"],
-        "eval_interval is -1; it must be at",
+        "eval_interval is -1; it must be in [0, ",
     ),
     "no such device": ([SCENARIO, "--device", "tpu"], "'tpu'"),
     "no such density": ([SCENARIO, "--reward.density", "nowhere.npz"], "nowhere.npz"),
