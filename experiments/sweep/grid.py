@@ -100,9 +100,9 @@ def read_grid(path: Path, runs: Path) -> list[Point]:
             for name, value in {**options, **own_options}.items()
         }
         varied = [name for name, values in lists.items() if len(values) > 1]
+        named = {"setting": setting} if setting else {}
         for values in itertools.product(*lists.values()):
             chosen = dict(zip(lists, values, strict=True))
-            named = {"setting": setting} if setting else {}
             run_dir = runs / directory_name(named | {name: chosen[name] for name in varied})
             arguments = training_arguments(chosen)
             config = parse_training("fbrl-train", [*arguments, "--run-dir", str(run_dir)])

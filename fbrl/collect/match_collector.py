@@ -226,8 +226,9 @@ class MatchCollector(BatchCollector):
         """Computes what the policy looks at after a step."""
         before, after = group.views[step], group.views[step + 1]
         self._transform._step(before, after)
-        begun_midway = self._matches.begun_midway[group.rows]
-        self._begun_midway[group.rows, step] = torch.from_numpy(begun_midway)
+        if self._midway_starts is not None:
+            begun_midway = self._matches.begun_midway[group.rows]
+            self._begun_midway[group.rows, step] = torch.from_numpy(begun_midway)
         done = np.logical_or(*(flag[group.rows, step] for flag in self._flags))
         if done.any():
             self._matches.begun_anew(group.matches[i] for i in np.flatnonzero(done).tolist())

@@ -228,9 +228,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         Raises:
             RuntimeError: A match has not begun or has ended.
         """
-        self._check_open()
-        self._check_none_ended(self._matches.not_running(), "match_states()")
-        return [self._matches.get_state(index) for index in range(self.num_envs)]
+        return self._states("match_states()")
 
     def disturb(self, disturbance: Any) -> None:
         """Puts something in the place of steps: the engine's ``Disturbance``, or None to end it."""
@@ -259,14 +257,13 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         Raises:
             RuntimeError: A match has not begun or has ended.
         """
-        self._check_none_ended(self._matches.not_running(), "get_state()")
         return [
             {
                 "match": dataclasses.asdict(match),
                 "episodes": self._episodes[index].get_state(),
                 "begun_midway": bool(self.begun_midway[index]),
             }
-            for index, match in enumerate(self.match_states())
+            for index, match in enumerate(self._states("get_state()"))
         ]
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> Observation:
@@ -304,6 +301,11 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """The seed of each match's episode; that all of them are told, in Gymnasium's way."""
         seeds = np.array([seed for seed, _ in self._matches.episodes], np.int64)
         return {"engine_seed": seeds, "_engine_seed": np.ones(self.num_envs, bool)}
+
+    def _states(self, call: str) -> list[MatchState]:
+        self._check_open()
+        self._check_none_ended(self._matches.not_running(), call)
+        return [self._matches.get_state(index) for index in range(self.num_envs)]
 
     def _check_open(self) -> None:
         if self.closed:

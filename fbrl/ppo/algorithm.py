@@ -139,7 +139,8 @@ class PPO:
         self.model.load_state_dict(state["model"])
         self.optimizer.load_state_dict(state["optimizer"])
         # Checkpoints from before there was a scale have none.
-        self._reward_scale.load_state_dict(state.get("reward_scale", RewardScale(0).state_dict()))
+        if "reward_scale" in state:
+            self._reward_scale.load_state_dict(state["reward_scale"])
 
     def _set_schedules(self) -> float:
         """The rate and the entropy's weight go linearly with the frames before this batch."""
