@@ -4,16 +4,8 @@ Importing it registers the Gymnasium ids ``fbrl/<scenario>-v0``; nothing of the 
 imported before an environment is made.
 """
 
-import gymnasium
-
-from fbrl.scenarios import SCENARIOS
+from fbrl.registration import register_scenarios
 
 __version__ = "0.1.0"
 
-for _name in SCENARIOS:
-    gymnasium.register(
-        id=f"fbrl/{_name}-v0",
-        entry_point="fbrl.envs.football:FootballEnv",
-        vector_entry_point="fbrl.envs.vector_env:FootballVectorEnv",
-        kwargs={"scenario": _name},
-    )
+register_scenarios()

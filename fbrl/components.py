@@ -93,6 +93,17 @@ class FramesOptions(Options):
 
 
 @dataclass(frozen=True)
+class PixelsOptions(Options):
+    """See :class:`fbrl.transforms.Pixels`."""
+
+    height: int = 72
+    """Of the picture, pixels."""
+
+    width: int = 96
+    """Likewise."""
+
+
+@dataclass(frozen=True)
 class MLPOptions(Options):
     """See :class:`fbrl.models.MLP`."""
 
@@ -305,10 +316,16 @@ OBSERVATIONS = Registry(
             "fbrl.transforms:MiniMapCells", "stacked mini maps as cell indices", FramesOptions
         ),
         "smm": BuiltIn("fbrl.transforms:SuperMiniMap", "the same as dense planes", FramesOptions),
+        "pixels": BuiltIn(
+            "fbrl.transforms:Pixels", "a small picture of the match from above", PixelsOptions
+        ),
     },
 )
 """TorchRL transforms, such as :class:`fbrl.transforms.RawObservationTransform`'s subclasses; the
 network reads the last key that they write."""
+
+PICTURES = ("minimap", "smm", "pixels")
+"""Those of them that a convolutional network reads."""
 
 MASKS = Registry(
     "mask",

@@ -18,6 +18,7 @@ from fbrl.components import (
     MASKS,
     NETWORKS,
     OBSERVATIONS,
+    PICTURES,
     REWARDS,
     ConfigError,
     Registry,
@@ -262,7 +263,7 @@ class TrainConfig:
             registry.check_options(name, options)
         if self.mask is None and self.mask_options:
             raise ConfigError("mask_options are given, but there is no mask.")
-        if self.network == "player_set" and self.observation in ("simple115", "minimap", "smm"):
+        if self.network == "player_set" and self.observation in ("simple115", *PICTURES):
             raise ConfigError(
                 f"The network player_set reads players, and the observation is {self.observation}. "
                 "Add --observation players."
@@ -296,7 +297,7 @@ class TrainConfig:
         """The network, also where none is named."""
         if self.network is not None:
             return self.network
-        return "impala" if self.observation in ("minimap", "smm") else "mlp"
+        return "impala" if self.observation in PICTURES else "mlp"
 
     @property
     def modules(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fbrl.components import COMPONENTS
+from fbrl.components import COMPONENTS, PICTURES
 from fbrl.config import ConfigError, PPOConfig, TrainConfig, check_types
 from fbrl.files.atomic_write import atomic_write
 
@@ -90,7 +90,7 @@ def _without_former_options(values: Mapping[str, Any]) -> dict[str, Any]:
     current = {name: value for name, value in values.items() if name not in gone}
     if current.get("collector") == "processes":
         current.update(collector="threads", num_workers=None)
-    if "hidden_sizes" in values and current.get("observation") in ("minimap", "smm"):
+    if "hidden_sizes" in values and current.get("observation") in PICTURES:
         current["network"] = None
     for name, (place, default) in _OPTIONS_BEFORE.items():
         is_used = place == "reward_options" or current.get("network", "mlp") is not None

@@ -38,6 +38,11 @@ class Scenario:
     alternating_kick_off: bool = False
 
     @property
+    def max_steps(self) -> int:
+        """Steps of the longest episode: as in gfootball, the one that reaches the limit is more."""
+        return self.duration + 1
+
+    @property
     def source(self) -> str:
         """The file that defines it, inside the gfootball package."""
         return f"gfootball/scenarios/{self.name}.py"

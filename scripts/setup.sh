@@ -138,10 +138,12 @@ make_venv "$PYTHON_FOUND" "$VENV" "$LOG_DIR" "$fresh"
 # No longer complete; the choices stay, for the call after a failure.
 printf '%s\nunfinished\n' "$DESCRIPTION" >"$STAMP"
 pip=("$VENV/bin/python" -m pip --disable-pip-version-check)
+# Compiling the modules that nobody imports is half the time; Python does it for the others.
+install=("${pip[@]}" install --no-compile)
 
 # torch comes first and by exact version: asking for just any may fetch gigabytes anew.
 read -r -a torch <<<"${TORCH:-torch==2.13.0}"
-run_logged "PyTorch (${torch[0]})" "$LOG_DIR/torch.log" "${pip[@]}" install "${torch[@]}"
+run_logged "PyTorch (${torch[0]})" "$LOG_DIR/torch.log" "${install[@]}" "${torch[@]}"
 
 ensure_engine "$PYTHON_FOUND" "$LOG_DIR"
 ensure_renderer "$PYTHON_FOUND" "$LOG_DIR"
@@ -154,10 +156,10 @@ if [[ $(cat "$VENV/.engine" 2>/dev/null) != "$engine" ]]; then
   fi
   # The version may be that of what is installed, and the code another.
   run_logged "Engine into .venv" "$LOG_DIR/engine-install.log" \
-    "${pip[@]}" install --no-deps --force-reinstall "${wheels[@]}"
+    "${install[@]}" --no-deps --force-reinstall "${wheels[@]}"
 fi
 
-run_logged "fbrl and its dependencies" "$LOG_DIR/fbrl.log" "${pip[@]}" install -e ".[football,density,analysis,ray,test,lint,docs,release]"
+run_logged "fbrl and its dependencies" "$LOG_DIR/fbrl.log" "${install[@]}" -e ".[football,density,analysis,ray,test,lint,docs,release]"
 
 if ! message=$("$VENV/bin/python" -c 'import fbrl_engine' 2>&1); then
   die "the engine does not load: $(tail -n 1 <<<"$message")" \

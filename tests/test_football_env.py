@@ -14,6 +14,7 @@ import pytest
 from conftest import needs_engine
 from gfootball_oracle import import_gfootball, make_gfootball_env, pad, shoot_near_goal
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import TimeAwareObservation
 from torchrl.envs import GymEnv
 from torchrl.envs.utils import check_env_specs
 
@@ -191,9 +192,33 @@ def test_passes_torchrls_checks():
     env.close()
 
 
-def test_every_scenario_is_registered():
-    ids = {f"fbrl/{name}-v0" for name in SCENARIOS}
-    assert ids <= set(gymnasium.registry)
+def test_every_scenario_is_registered_with_its_time_limit():
+    for name, scenario in SCENARIOS.items():
+        spec = gymnasium.spec(f"fbrl/{name}-v0")
+        assert spec.max_episode_steps == scenario.duration + 1
+        assert spec.kwargs == {"scenario": name}
+        assert not spec.nondeterministic
+
+
+def test_a_registered_match_ends_when_the_match_itself_does():
+    made = gymnasium.make("fbrl/1_vs_1_easy-v0")
+    made = TimeAwareObservation(made, flatten=False, normalize_time=False)
+    bare = FootballEnv("1_vs_1_easy")
+    made.reset(seed=3)
+    bare.reset(seed=3)
+    done, steps = False, 0
+    while not done:
+        steps += 1
+        action = [5, 1, 12, 9][steps % 4]
+        observation, *result, _ = made.step(action)
+        assert result == list(bare.step(action)[1:4])
+        assert int(observation["time"][0]) == steps
+        done = any(result[1:])
+    assert result[1:] == [False, True]
+    assert steps == 501
+    assert observation["steps_left"] == 0
+    made.close()
+    bare.close()
 
 
 def test_the_observation_is_as_documented():

@@ -104,6 +104,8 @@ def test_gymnasium_can_make_it():
     observation, _ = env.reset(seed=1)
     assert env.observation_space.contains(observation)
     env.close()
+    with pytest.raises(ValueError, match=r"max_episode_steps is 50.* 401 steps.*game_duration"):
+        gymnasium.make_vec(f"fbrl/{SCENARIO}-v0", num_envs=2, max_episode_steps=50)
 
 
 def test_passes_torchrls_checks():

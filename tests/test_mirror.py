@@ -13,6 +13,7 @@ from fbrl.transforms import (
     EngineActionMask,
     ExpertActionMask,
     MiniMapCells,
+    Pixels,
     Players,
     Simple115,
     SuperMiniMap,
@@ -23,6 +24,7 @@ TRANSFORMS = {
     "smm": SuperMiniMap,
     "simple115": Simple115,
     "players": Players,
+    "pixels": Pixels,
 }
 ORDER = list(MIRRORED_ACTIONS)
 

@@ -199,8 +199,8 @@ def test_the_perceptron_has_the_layers_and_the_activation_asked_for(activation, 
 
 
 def test_unknown_choices_are_named_with_the_known_ones():
-    with pytest.raises(ValueError, match=r"'pixels'.*simple115, players, minimap, smm"):
-        build_actor_critic("pixels")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"'pictures'.*simple115, players, minimap, smm, pixels"):
+        build_actor_critic("pictures")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"'gelu'.*'tanh', 'relu'"):
         MLP(activation="gelu")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"hidden_sizes is \(\)"):

@@ -33,13 +33,17 @@ class ImpalaCNN(nn.Module):
     biases of zero.
 
     The input is either minimap cells (int16, ``(*batch, num_frames, 24)``), which are drawn as
-    planes on a GPU and convolved without them on a CPU, or dense planes (uint8, ``(*batch,
-    4 * num_frames, 72, 96)``). The output is the same for both.
+    planes on a GPU and convolved without them on a CPU, or those planes (uint8, ``(*batch,
+    4 * num_frames, 72, 96)``), for which the output is the same; or pictures of any size (uint8,
+    ``(*batch, channels, height, width)``).
 
     Args:
-        observation_shape: of what is read, cells (frames, 24) or planes (4 * frames, 72, 96).
+        observation_shape: of what is read, cells (frames, 24) or (channels, height, width).
         num_features: size of the output.
         device: where the parameters live.
+
+    Raises:
+        ValueError: It is another shape.
 
     Examples:
         >>> import torch
@@ -56,10 +60,10 @@ class ImpalaCNN(nn.Module):
         device: torch.device | str | None = None,
     ) -> None:
         super().__init__()
-        self.num_frames = num_frames = _num_frames(tuple(observation_shape))
+        self.plane_shape = _plane_shape(tuple(observation_shape))
         self.num_features = num_features = check_count("num_features", num_features)
-        channels = [num_frames * len(SMM_LAYERS), 16, 32, 32, 32]
-        height, width = SMM_HEIGHT, SMM_WIDTH
+        num_planes, height, width = self.plane_shape
+        channels = [num_planes, 16, 32, 32, 32]
         stages = []
         for num_in, num_out in pairwise(channels):
             stages.append(_Stage(num_in, num_out, device))
@@ -85,23 +89,20 @@ class ImpalaCNN(nn.Module):
     ) -> tuple[torch.Tensor, torch.Size]:
         """The first convolution and pooling, and the batch shape of the observation."""
         shape, dtype = observation.shape, conv.weight.dtype
-        cell_shape = (self.num_frames, CELLS_PER_FRAME)
-        plane_shape = (self.num_frames * len(SMM_LAYERS), SMM_HEIGHT, SMM_WIDTH)
-        if observation.dtype == torch.int16 and shape[-2:] == cell_shape:
-            cells = observation.reshape(-1, *cell_shape)
+        if observation.dtype == torch.int16 and _reads_cells(self.plane_shape, shape[-2:]):
+            cells = observation.reshape(-1, *shape[-2:])
             if cells.device.type == "cpu" and conv.bias is not None:
                 return convolve_and_pool_cells(cells, conv.weight, conv.bias), shape[:-2]
             planes = cells_to_planes(cells, dtype, channels_last=True)
             return max_pool_same(conv(planes)), shape[:-2]
-        if observation.dtype == torch.uint8 and shape[-3:] == plane_shape:
-            planes = observation.reshape(-1, *plane_shape)
+        if observation.dtype == torch.uint8 and shape[-3:] == self.plane_shape:
+            planes = observation.reshape(-1, *self.plane_shape)
             planes = planes.to(dtype, memory_format=torch.channels_last).div_(255)
             return max_pool_same(conv(planes)), shape[:-3]
         raise ValueError(
-            f"ImpalaCNN with num_frames={self.num_frames}: the observation is {observation.dtype} "
-            f"of shape {tuple(shape)}, but must be torch.int16 cells of shape (*batch, "
-            f"{', '.join(map(str, cell_shape))}) from MiniMapCells, or torch.uint8 planes of shape "
-            f"(*batch, {', '.join(map(str, plane_shape))}) from SuperMiniMap."
+            f"ImpalaCNN: the observation is {observation.dtype} of shape {tuple(shape)}, but must "
+            f"be torch.uint8 of shape (*batch, {', '.join(map(str, self.plane_shape))}), or, for "
+            "mini maps, torch.int16 cells from MiniMapCells with as many frames."
         )
 
 
@@ -150,16 +151,26 @@ def max_pool_same(x: torch.Tensor) -> torch.Tensor:
     return F.max_pool2d(x, kernel_size=3, stride=2, padding=padding, ceil_mode=True)
 
 
-def _num_frames(shape: tuple[int, ...]) -> int:
+def _plane_shape(shape: tuple[int, ...]) -> tuple[int, int, int]:
+    """Planes, height and width of an observation."""
     if len(shape) == 2 and shape[1] == CELLS_PER_FRAME:
-        return check_count("observation_shape[0]", shape[0])
-    layers = len(SMM_LAYERS)
-    if len(shape) == 3 and shape[1:] == (SMM_HEIGHT, SMM_WIDTH) and not shape[0] % layers:
-        return check_count("observation_shape[0]", shape[0]) // layers
+        frames = check_count("observation_shape[0]", shape[0])
+        return frames * len(SMM_LAYERS), SMM_HEIGHT, SMM_WIDTH
+    if len(shape) == 3:
+        planes, height, width = (
+            check_count(f"observation_shape[{axis}]", size) for axis, size in enumerate(shape)
+        )
+        return planes, height, width
     raise ValueError(
         f"The observation has shape {shape}; the network impala reads cells of shape (frames, "
-        f"{CELLS_PER_FRAME}) or planes of shape ({layers} * frames, {SMM_HEIGHT}, {SMM_WIDTH})."
+        f"{CELLS_PER_FRAME}) or pictures of shape (channels, height, width)."
     )
+
+
+def _reads_cells(planes: tuple[int, int, int], cells: Sequence[int]) -> bool:
+    """Whether the planes of these cells have this shape."""
+    frames = cells[0] if len(cells) == 2 and cells[1] == CELLS_PER_FRAME else 0
+    return frames > 0 and planes == (frames * len(SMM_LAYERS), SMM_HEIGHT, SMM_WIDTH)
 
 
 def _initialise(module: nn.Module) -> None:

@@ -17,7 +17,14 @@ from fbrl.envs.actions import ACTION_NAMES
 from fbrl.transforms.minimap_grid import ABSENT, SMM_HEIGHT, SMM_LAYERS, SMM_WIDTH
 from fbrl.transforms.players_table import PLAYERS_FEATURES
 
-__all__ = ["MIRRORED_ACTIONS", "MIRRORS", "CellsMirror", "MirroredTrunk", "PlanesMirror"]
+__all__ = [
+    "MIRRORED_ACTIONS",
+    "MIRRORS",
+    "CellsMirror",
+    "MirroredTrunk",
+    "PixelsMirror",
+    "PlanesMirror",
+]
 
 _SWAPPED = {"top": "bottom", "bottom": "top"}
 _BALL_CELL = 22
@@ -93,6 +100,20 @@ class PlanesMirror(nn.Module):
         return torch.where(is_mirrored[..., None, None, None], planes.flip(-2), planes), is_mirrored
 
 
+class PixelsMirror(nn.Module):
+    """Mirrors the pictures of :class:`~fbrl.transforms.Pixels`, by where they show the ball."""
+
+    def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
+        """What is seen, and whether it is mirrored, bool (...), from (..., 3, height, width)."""
+        height = pictures.shape[-2]
+        above_middle = height - 1 - 2 * torch.arange(height, device=pictures.device)
+        # Nothing else is white.
+        ball_in_row = (pictures == 255).all(-3).sum(-1)
+        is_mirrored = (ball_in_row * above_middle).sum(-1) > 0
+        mirrored = pictures.flip(-2)
+        return torch.where(is_mirrored[..., None, None, None], mirrored, pictures), is_mirrored
+
+
 class MirroredTrunk(nn.Module):
     """A trunk that sees every state with the ball in the lower half.
 
@@ -128,6 +149,7 @@ def _simple115_mirror() -> VectorMirror:
 MIRRORS: Mapping[str, Callable[[], nn.Module]] = {
     "minimap_cells": CellsMirror,
     "smm": PlanesMirror,
+    "pixels": PixelsMirror,
     "simple115": _simple115_mirror,
     "players": _players_mirror,
 }

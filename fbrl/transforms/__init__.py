@@ -8,6 +8,7 @@ from fbrl.transforms.ball_control import Observation, in_control
 from fbrl.transforms.checkpoint_reward import CheckpointReward
 from fbrl.transforms.memory import Memory
 from fbrl.transforms.minimap import MiniMapCells, SuperMiniMap
+from fbrl.transforms.pixels import Pixels
 from fbrl.transforms.play_statistics import PLAY_STATISTICS, PlayStatistics
 from fbrl.transforms.players import PLAYERS_FEATURES, Players
 from fbrl.transforms.raw_observation import RawObservationTransform
@@ -27,6 +28,7 @@ __all__ = [
     "Memory",
     "MiniMapCells",
     "Observation",
+    "Pixels",
     "PlayStatistics",
     "Players",
     "RawObservationTransform",
