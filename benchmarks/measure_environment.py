@@ -21,7 +21,7 @@ def fbrl_env(scenario: str, observation: str, seconds: float, seed: int) -> dict
     Args:
         scenario: What is played.
         observation: ``"minimap"``: the keys that the mini maps are made of, which a network on
-            the device draws. ``"simple115"``: the vector of 115 numbers.
+            the device draws. ``"simple115"``: the vector of 115 numbers. ``"pixels"``: pictures.
         seconds: How long to play.
         seed: Engine seed of the matches.
     """
@@ -34,7 +34,7 @@ def fbrl_env(scenario: str, observation: str, seconds: float, seed: int) -> dict
     env = FootballEnv(scenario, observation_keys=transform.in_keys)
 
     def observe(raw: dict[str, Any]) -> None:
-        if observation == "simple115":
+        if observation != "minimap":
             transform(TensorDict(raw))
 
     def reset() -> None:

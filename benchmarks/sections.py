@@ -29,6 +29,7 @@ ENGINE, ENGINE_BY_DEFAULT = "bare engine", "bare engine, default build"
 COLLECTION = "fbrl collection, MLP"
 MINIMAP, SIMPLE115 = "fbrl FootballEnv, mini map keys", "fbrl FootballEnv, simple115"
 TRAINING_ENV = "fbrl make_env, 8 matches, stacked mini maps"
+PIXELS = "fbrl FootballEnv, pixels"
 SMM, SIMPLE115V2 = "gfootball, SMM", "gfootball, simple115v2"
 STACKED_SMM = "gfootball, stacked SMM"
 FBRL, PEER = "fbrl", "Stable-Baselines3"
@@ -115,6 +116,7 @@ _ENVIRONMENTS: list[tuple[str, str, Build, dict[str, object]]] = [
     (SMM, "gfootball_env", Build.DEFAULT, _SMM),
     (SIMPLE115, "fbrl_env", Build.FBRL, {"observation": "simple115"}),
     (SIMPLE115V2, "gfootball_env", Build.DEFAULT, _SIMPLE115V2),
+    (PIXELS, "fbrl_env", Build.FBRL, {"observation": "pixels"}),
     (TRAINING_ENV, "fbrl_training_env", Build.FBRL, {"observation": "minimap", "num_envs": 8}),
     (STACKED_SMM, "gfootball_env", Build.DEFAULT, {**_SMM, "stacked": True}),
     (SMM + ON_OUR_ENGINE, "gfootball_env", Build.FBRL, _SMM),

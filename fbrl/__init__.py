@@ -4,8 +4,19 @@ Importing it registers the Gymnasium ids ``fbrl/<scenario>-v0``; nothing of the 
 imported before an environment is made.
 """
 
+from typing import Any
+
 from fbrl.registration import register_scenarios
 
 __version__ = "0.1.0"
 
 register_scenarios()
+
+
+def __getattr__(name: str) -> Any:
+    # PyTorch takes seconds to import, which an environment need not wait for.
+    if name == "load_agent":
+        from fbrl.agent import load_agent
+
+        return load_agent
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

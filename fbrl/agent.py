@@ -1,18 +1,20 @@
-"""A trained agent, from the checkpoint of a run."""
+"""A trained agent, from the checkpoint of a run or of those that fbrl brings along."""
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 
 from fbrl.assembly import make_model
-from fbrl.checkpoint import CheckpointError, load_checkpoint
+from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.checks.counts import check_count
 from fbrl.config import ConfigError, TrainConfig
-from fbrl.config_json import config_from_dict
+from fbrl.config_json import config_from_dict, config_to_dict
 from fbrl.models.actor_critic import ActorCritic
+from fbrl.pretrained import locate
 from fbrl.run_files import CHECKPOINTS
 
 
@@ -33,17 +35,24 @@ class Agent:
     run_dir: Path | None = None
 
 
-def load_agent(path: Path, device: torch.device | str = "cpu") -> Agent:
+def load_agent(path: Path | str, device: torch.device | str = "cpu") -> Agent:
     """Loads the agent of a checkpoint.
 
     Args:
-        path: A checkpoint, or the directory of a run, whose latest one is taken.
+        path: A checkpoint, or the directory of a run, whose latest one is taken, or
+            ``"pretrained:NAME"``, see :mod:`fbrl.pretrained`.
         device: Where the network goes.
 
     Raises:
         CheckpointError: There is none, it is damaged, or it is no training's.
+        UnknownNameError: fbrl brings no agent of this name along.
+
+    Examples:
+        >>> agent = load_agent("pretrained:academy_3_vs_1_with_keeper")
+        >>> agent.config.observation
+        'players'
     """
-    device = torch.device(device)
+    path, device = locate(path), torch.device(device)
     content = load_checkpoint(path)
     try:
         config = config_from_dict(content["config"])
@@ -58,6 +67,21 @@ def load_agent(path: Path, device: torch.device | str = "cpu") -> Agent:
             f"The checkpoint at {path} is not that of a training ({reason[:200]})."
         ) from error
     return Agent(config, frames, model, _run_dir(path))
+
+
+def save_agent(agent: Agent, path: Path) -> None:
+    """Writes a checkpoint of the agent alone: its weights, and the configuration of its training.
+
+    Raises:
+        OSError: The file can't be written.
+    """
+    config = dataclasses.replace(agent.config, run_dir=None, initial_weights=None)
+    save_checkpoint(
+        path,
+        config=config_to_dict(config),
+        frames=agent.frames,
+        model=agent.model.state_dict(),
+    )
 
 
 def _check_shapes(config: TrainConfig, weights: dict[str, torch.Tensor]) -> None:

@@ -179,8 +179,8 @@ class TrainConfig:
     it is in the upper one."""
 
     initial_weights: str | None = None
-    """Run, or checkpoint, of another training whose weights this one begins with, as of an easier
-    scenario; its network and observation have to be the same. By default they are random. The
+    """Run, checkpoint or pretrained:NAME, whose weights this training begins with, as of an easier
+    scenario; the network and the observation have to be the same. By default they are random. The
     frames of that training are not counted."""
 
     midway_starts: float = 0.0

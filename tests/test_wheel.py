@@ -1,4 +1,4 @@
-"""What a built wheel holds: densities, but nothing of StatsBomb's that may not be passed on."""
+"""What a built wheel holds: densities and agents, but nothing of StatsBomb's that may not be passed on."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ import numpy as np
 import pytest
 
 import fbrl
+from fbrl.pretrained import pretrained_names
 
 SOURCE_NAMES = re.compile(r"fbrl/.+\.py|fbrl/py\.typed|fbrl-[^/]+\.dist-info/.+")
 SHIPPED = "fbrl/density/open_play_assists_2015_16.npz"
 PUBLISHED = "fbrl/analysis/thesis.csv"
+WEIGHTS = {f"fbrl/pretrained/{name}.pt" for name in pretrained_names()}
+DATA = {SHIPPED, PUBLISHED, *WEIGHTS, *(name.replace(".pt", ".json") for name in WEIGHTS)}
 
 
 @pytest.fixture(scope="module")
@@ -26,9 +29,9 @@ def wheel(wheel_file):
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-def test_holds_code_and_one_density_file_and_nothing_else(wheel):
+def test_holds_code_one_density_file_and_trained_agents_and_nothing_else(wheel):
     others = {name for name in wheel if not SOURCE_NAMES.fullmatch(name)}
-    assert others == {SHIPPED, PUBLISHED}
+    assert others == DATA
 
 
 def test_the_density_file_holds_two_surfaces_and_words(wheel):
@@ -48,7 +51,7 @@ def test_the_density_file_holds_two_surfaces_and_words(wheel):
 def test_no_file_holds_events_or_a_table_of_positions(wheel):
     row_of_numbers = re.compile(r"^\s*[\[(]?(-?\d+\.\d+\s*,\s*){3,}", re.MULTILINE)
     for name, content in wheel.items():
-        if name == SHIPPED:
+        if name in {SHIPPED, *WEIGHTS}:
             continue
         text = content.decode()
         assert not row_of_numbers.search(text), name
@@ -69,14 +72,14 @@ def test_the_version_is_the_packages_own(wheel_file):
     assert wheel_file.name.split("-")[1] == fbrl.__version__
 
 
-def test_the_source_distribution_holds_no_tests_and_no_data_but_the_densities(wheel_file):
+def test_the_source_distribution_holds_no_tests_and_no_data_but_the_wheels(wheel_file):
     (path,) = wheel_file.parent.glob("*.tar.gz")
     with tarfile.open(path) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     sources = re.compile(
         r"fbrl/.+\.py|fbrl/py\.typed|[A-Z_]+(\.md)?|CITATION\.cff|pyproject\.toml|PKG-INFO|\.gitignore"
     )
-    assert {name for name in names if not sources.fullmatch(name)} == {SHIPPED, PUBLISHED}
+    assert {name for name in names if not sources.fullmatch(name)} == DATA
 
 
 def test_package_indexes_can_show_its_description(wheel_file):

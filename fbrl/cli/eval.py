@@ -30,6 +30,7 @@ from fbrl.cli.eval_display import EvaluationProgress, print_report
 from fbrl.cli.outputs import check_outputs
 from fbrl.files.atomic_write import atomic_write
 from fbrl.policy_names import MODES, POLICIES
+from fbrl.pretrained import pretrained_names
 from fbrl.scenarios import SCENARIO_GROUPS, expand_scenarios
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ groups of scenarios:
 examples:
   fbrl-eval runs/academy_3_vs_1_with_keeper/my-run
   fbrl-eval my-run --mode both --episodes 400 --json result.json
+  fbrl-eval my-run pretrained:academy_3_vs_1_with_keeper
   fbrl-eval my-run --scenario thesis --policy random --policy builtin-ai --csv table.csv
   fbrl-eval runs/academy_3_vs_1_with_keeper/*   # seeds of one configuration are pooled"""
 
@@ -81,7 +83,8 @@ def _parser() -> Parser:
         type=Path,
         nargs="*",
         metavar="RUN_OR_CHECKPOINT",
-        help="directory of a run, whose latest checkpoint is taken, or a checkpoint",
+        help="directory of a run, whose latest checkpoint is taken, a checkpoint, or "
+        "pretrained:NAME, an agent that fbrl brings along: " + ", ".join(pretrained_names()),
     )
     parser.add_argument(
         "--policy",

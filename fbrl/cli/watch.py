@@ -20,6 +20,7 @@ from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted
 from fbrl.cli.outputs import check_outputs
 from fbrl.cli.watch_display import WatchDisplay
 from fbrl.policy_names import MODES, POLICIES
+from fbrl.pretrained import pretrained_names
 from fbrl.scenarios import check_scenario
 from fbrl.watch.video import check_video_packages, check_video_path, write_video
 
@@ -44,6 +45,7 @@ by side. The same seed gives the same video."""
 _EPILOG = """\
 examples:
   fbrl-watch runs/academy_3_vs_1_with_keeper/my-run --out match.mp4
+  fbrl-watch pretrained:academy_counterattack_hard --only goals
   fbrl-watch my-run --only goals --episodes 3 --view both --out goals.mp4
   fbrl-watch my-run --width 480 --only goals --out goal.gif
   fbrl-watch my-run --save-replay match.npz && fbrl-watch --replay match.npz --view 3d
@@ -61,7 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _parser() -> Parser:
     parser = Parser(prog=PROGRAM, description=_DESCRIPTION, epilog=_EPILOG)
-    parser.add_argument("run", nargs="?", type=Path, metavar="RUN_OR_CHECKPOINT")
+    parser.add_argument(
+        "run",
+        nargs="?",
+        type=Path,
+        metavar="RUN_OR_CHECKPOINT",
+        help="whose agent plays, or pretrained:NAME, one that fbrl brings along: "
+        + ", ".join(pretrained_names()),
+    )
     parser.add_argument(
         "--out",
         type=Path,

@@ -123,7 +123,7 @@ def make_env(
         reward: ``"analytics"``, ``"checkpoints"``, ``"scoring"``, or a transform of that family,
             such as ``AssistDensityReward(transition="consecutive")``; ``"potential"`` only as
             ``AssistDensityPotential(gamma=0.993)``, with the training's discount.
-        observation: ``"minimap"``, ``"smm"``, ``"simple115"``, ``"players"``, or a transform.
+        observation: A name in :data:`fbrl.components.OBSERVATIONS`, or a transform.
         num_threads: Threads that step the matches; one for each available core by default.
         action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
         keep_keys: Raw observation keys to keep; the others are dropped once the reward and the

@@ -67,7 +67,7 @@ def train(
     torch.manual_seed(config.seed)
     model = make_model(config, device)
     if config.initial_weights is not None and not resume:
-        _take_weights(model, config, Path(config.initial_weights))
+        _take_weights(model, config, config.initial_weights)
     reward = make_training_reward(config, config.run_dir if resume else None)
     load_gfootball()
     with contextlib.ExitStack() as stack:
@@ -121,7 +121,7 @@ def train(
         return loop.run()
 
 
-def _take_weights(model: ActorCritic, config: TrainConfig, path: Path) -> None:
+def _take_weights(model: ActorCritic, config: TrainConfig, path: str) -> None:
     """Begins with the weights of another training.
 
     Raises:

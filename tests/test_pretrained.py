@@ -1,0 +1,92 @@
+"""The agents that fbrl brings along play as well as their cards say."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+import fbrl
+import fbrl.cli.eval
+import fbrl.cli.train
+import fbrl.cli.watch
+from fbrl.agent import load_agent, save_agent
+from fbrl.checkpoint import load_checkpoint
+from fbrl.evaluation.comparison import play, trained
+from fbrl.pretrained import locate, pretrained_names, read_card
+from fbrl.scenarios import SCENARIOS
+
+EASY = "pretrained:academy_3_vs_1_with_keeper"
+
+
+@pytest.mark.parametrize("name", pretrained_names())
+def test_an_agent_plays_as_well_as_its_card_says(name):
+    card = read_card(name)
+    evaluation = play(
+        trained(locate(f"pretrained:{name}"), torch.device("cpu")),
+        card["scenario"],
+        episodes=128,
+        seed=7,
+        num_envs=8,
+        greedy=False,
+        device=torch.device("cpu"),
+        on_progress=lambda finished: None,
+    )
+    low, high = evaluation.interval
+    assert low <= card["goal_difference"] <= high
+    assert card["low"] < card["goal_difference"] < card["high"]
+
+
+@pytest.mark.parametrize("name", pretrained_names())
+def test_a_card_says_where_an_agent_comes_from_and_its_file_nothing_of_a_machine(name):
+    card = read_card(name)
+    assert name == card["scenario"]
+    assert name in SCENARIOS
+    assert card["episodes"] >= 1000
+    assert "StatsBomb" in card["credit"]
+    assert card["license"]
+    assert all(command.startswith("fbrl-train academy_") for command in card["commands"])
+    content = load_checkpoint(locate(f"pretrained:{name}"))
+    assert set(content) == {"format_version", "config", "frames", "model"}
+    assert content["config"]["reward"] == card["reward"]
+    assert content["config"]["run_dir"] is None
+    assert not [value for value in content["config"].values() if "/" in str(value)]
+
+
+def test_an_agent_is_named_in_the_place_of_a_run(run_main, tmp_path):
+    printed = run_main(fbrl.cli.eval.main, EASY, "--episodes", 4).out
+    assert EASY in printed
+    out = tmp_path / "match.gif"
+    run_main(fbrl.cli.watch.main, EASY, "--width", 320, "--out", out)
+    assert out.stat().st_size > 1000
+
+
+def test_a_training_goes_on_from_an_agent(run_main, tmp_path):
+    config = fbrl.load_agent(EASY).config
+    run_main(
+        fbrl.cli.train.main,
+        *("academy_empty_goal_close", "--observation", config.observation),
+        *("--initial-weights", EASY, "--num-envs", 2, "--num-steps", 16, "--total-frames", 32),
+        *("--num-minibatches", 1, "--learning-rate", 1e-12, "--eval-episodes", 0),
+        *("--run-dir", tmp_path / "run"),
+    )
+    weights, first = load_agent(tmp_path / "run").model.state_dict(), load_agent(EASY).model
+    for name, weight in first.state_dict().items():
+        torch.testing.assert_close(weights[name], weight, rtol=0, atol=1e-6)
+
+
+def test_an_agent_that_there_is_not_is_answered_with_those_that_there_are(run_main):
+    error = run_main(fbrl.cli.eval.main, "pretrained:messi", code=2).err
+    assert "messi" in error
+    assert "academy_3_vs_1_with_keeper" in error
+
+
+def test_an_agent_of_ones_own_is_saved_alone(tmp_path):
+    agent = load_agent(EASY)
+    path = tmp_path / "agent.pt"
+    save_agent(agent, path)
+    again = load_agent(path)
+    assert again.config == agent.config
+    assert again.frames == agent.frames
+    assert again.run_dir is None
+    for name, weight in agent.model.state_dict().items():
+        assert torch.equal(again.model.state_dict()[name], weight)
