@@ -21,6 +21,10 @@ WRITTEN = {
     "Excel in Europe": (
         "x;y;end_x;end_y;match_id;pass_type;cross\n90;40,5;100;41;7;;0\n91;42;101;43;8;Corner;1\n"
     ),
+    "for Excel, with a line that says the separator": (
+        "sep=;\r\nx;y;end_x;end_y;match_id;pass_type;cross\r\n90;40,5;100;41;7;;0\r\n"
+        "91;42;101;43;8;Corner;1\r\n"
+    ),
     "pasted, with tabs": PLAIN.replace(",", "\t"),
     "R's write.csv": (
         '"","x","y","end_x","end_y","match_id","pass_type","cross"\n'

@@ -1,4 +1,4 @@
-"""What a built wheel holds: densities and agents, but nothing of StatsBomb's that may not be passed on."""
+"""What a built wheel holds: densities and agents, but nothing of StatsBomb's raw data."""
 
 from __future__ import annotations
 

@@ -14,6 +14,9 @@ _MISSING = frozenset({"", "na", "nan", "n/a", "#n/a", "<na>", "null", "none"})
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 
+_SEPARATOR = re.compile(r'"?sep=(.)"?')
+"""What may stand in a line before the header, for Excel."""
+
 
 @dataclass(frozen=True)
 class CsvTable:
@@ -34,7 +37,8 @@ def read_csv_table(path: str | os.PathLike[str]) -> CsvTable:
     """Reads a table whose first line has the names of its columns.
 
     The values may be separated by commas, semicolons or tabs, a byte order mark may come first, and
-    a column of row numbers without a name, as R and pandas write it. Lines without any value are
+    a column of row numbers without a name, as R and pandas write it, and a first line ``sep=;`` as for
+    Excel. Lines without any value are
     left out, as spreadsheets have them at the end.
 
     Raises:
@@ -45,11 +49,14 @@ def read_csv_table(path: str | os.PathLike[str]) -> CsvTable:
     with Path(path).open(newline="", encoding="utf-8-sig") as file:
         try:
             first = file.readline()
-            file.seek(0)
-            separator = max(",;\t", key=first.count)
+            said = _SEPARATOR.fullmatch(first.strip())
+            if not said:
+                file.seek(0)
+            separator = said[1] if said else max(",;\t", key=first.count)
             reader = csv.reader(file, delimiter=separator)
             header = [name.strip() for name in next(reader, [])]
-            numbered = [(reader.line_num, values) for values in reader if any(values)]
+            before = 1 if said else 0
+            numbered = [(reader.line_num + before, values) for values in reader if any(values)]
         except (csv.Error, UnicodeDecodeError) as error:
             raise ValueError(f"{path} is not a CSV table ({error}).") from error
     if all(values[0] == str(row) for row, (_, values) in enumerate(numbered, start=1)) and all(
