@@ -36,10 +36,9 @@ class CsvTable:
 def read_csv_table(path: str | os.PathLike[str]) -> CsvTable:
     """Reads a table whose first line has the names of its columns.
 
-    The values may be separated by commas, semicolons or tabs, a byte order mark may come first, and
-    a column of row numbers without a name, as R and pandas write it, and a first line ``sep=;`` as for
-    Excel. Lines without any value are
-    left out, as spreadsheets have them at the end.
+    The values may be separated by commas, semicolons or tabs. A byte order mark may come first, a
+    line ``sep=;`` as for Excel, and a column of row numbers without a name, as R and pandas write
+    it. Lines without any value are left out, as spreadsheets have them at the end.
 
     Raises:
         ValueError: it is no text, a name stands twice, or a line has more or fewer values than the
