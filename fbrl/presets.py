@@ -1,4 +1,4 @@
-"""Configurations to begin with: the light one, and that of the thesis."""
+"""Configurations to begin with: the light one, one that learns more, and that of the thesis."""
 
 from __future__ import annotations
 
@@ -11,9 +11,21 @@ from fbrl.scenarios import SCENARIOS
 
 PRESETS = {
     "light": "simple115 and a small network, trains at the engine's speed on a CPU",
+    "strong": "players, the potential and a learner for its small rewards: experiments/learning",
     "thesis": "mini map, IMPALA network and Table 5.1; wants a GPU",
 }
 """What each is."""
+
+# experiments/learning: what learned academy_counterattack_hard.
+_STRONG = PPOConfig(
+    num_envs=32,
+    num_steps=128,
+    num_minibatches=4,
+    num_epochs=6,
+    target_kl=0.02,
+    learning_rate=5e-4,
+    normalize_reward=True,
+)
 
 # Table 5.1 of the thesis; the row of the full matches differs in four values.
 _THESIS_ACADEMY = PPOConfig(
@@ -48,6 +60,8 @@ def preset_config(preset: str, scenario: str) -> TrainConfig:
     check_name("preset", preset, PRESETS)
     config = TrainConfig(scenario)
     check_types(config)
+    if preset == "strong":
+        config = dataclasses.replace(config, observation="players", reward="potential", ppo=_STRONG)
     if preset == "thesis":
         is_full_match = scenario.startswith("11_vs_11")
         ppo = _THESIS_FULL_MATCH if is_full_match else _THESIS_ACADEMY

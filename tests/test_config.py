@@ -8,10 +8,11 @@ from inspect import signature
 
 import pytest
 
+from fbrl.agent import load_agent
 from fbrl.components import COMPONENTS, LOGGERS
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.config_json import config_from_dict, config_to_dict, save_config
-from fbrl.presets import nearest_preset, preset_config
+from fbrl.presets import PRESETS, nearest_preset, preset_config
 
 # Table 5.1 of the thesis: academy scenarios, 11 against 11.
 TABLE_5_1 = {
@@ -53,11 +54,19 @@ def test_the_light_preset_is_for_a_cpu():
     config.check()
 
 
+def test_the_strong_preset_goes_on_from_the_agents_that_come_along():
+    config = preset_config("strong", "academy_counterattack_hard")
+    agent = load_agent("pretrained:academy_3_vs_1_with_keeper").config
+    for name in ("observation", "observation_options", "network_name", "network_options"):
+        assert getattr(config, name) == getattr(agent, name)
+    config.check()
+
+
 def test_a_configuration_without_more_is_the_light_preset():
     assert TrainConfig("academy_empty_goal") == preset_config("light", "academy_empty_goal")
 
 
-@pytest.mark.parametrize("preset", ["light", "thesis"])
+@pytest.mark.parametrize("preset", PRESETS)
 def test_the_nearest_preset_is_the_one_that_was_begun_with(preset):
     config = preset_config(preset, "academy_empty_goal")
     assert nearest_preset(dataclasses.replace(config, reward="scoring", seed=5)) == preset
