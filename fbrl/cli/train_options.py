@@ -25,7 +25,7 @@ The defaults shown are those of the preset light; add --preset strong or thesis 
 option can be set on top of a preset. Examples:
   fbrl-train academy_3_vs_1_with_keeper
   fbrl-train academy_counterattack_hard --preset strong \
-      --initial-weights pretrained:academy_3_vs_1_with_keeper
+--initial-weights pretrained:academy_3_vs_1_with_keeper
   fbrl-train academy_counterattack_hard --preset thesis --device cuda
   fbrl-train 11_vs_11_easy_stochastic --reward scoring --total-frames 2000000 --num-envs 16
 
