@@ -10,6 +10,7 @@ from importlib import metadata
 from pathlib import Path
 
 from fbrl.allocator import reason_against_tcmalloc
+from fbrl.checks.memory import memory_limit
 
 _PACKAGES = (
     "fbrl",
@@ -30,13 +31,12 @@ def describe_machine() -> dict[str, str | float]:
     """Processor, cores, memory, load, versions and the commit, by name."""
     import torch
 
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else "none"
     return {
         "date": datetime.now().strftime("%Y-%m-%d %H:%M"),
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
-        "memory in GiB": round(memory / 2**30, 1),
+        "memory in GiB": round(memory_limit() / 2**30, 1),
         "GPU": gpu,
         "load before the run": round(os.getloadavg()[0], 2),
         "tcmalloc": reason_against_tcmalloc(os.environ) or "yes",

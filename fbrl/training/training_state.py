@@ -52,11 +52,8 @@ class TrainingState:
     def begin_batch(self) -> None:
         """Remembers the matches and the random numbers, which the next batch begins with."""
         on_gpu = self.ppo.device.type == "cuda"
-        collected = self.ppo.collector.state_dict()
         self._batch_start = {
-            "next_step": collected["next_step"],
-            "matches": [_with_engine(match, _to_tensor) for match in collected["matches"]],
-            "kept_states": [_with_engine(kept, _to_tensor) for kept in collected["kept_states"]],
+            **self.ppo.collector.state_dict(),
             "random_numbers": {
                 "cpu": torch.get_rng_state(),
                 "cuda": torch.cuda.get_rng_state(self.ppo.device) if on_gpu else None,
@@ -79,10 +76,13 @@ class TrainingState:
 
     def state_dict(self) -> dict[str, Any]:
         """The state at the beginning of the batch, as a checkpoint takes it."""
+        start = self._batch_start
         return {
             "config": config_to_dict(self._config),
             **self.ppo.state_dict(),
-            **self._batch_start,
+            **start,
+            "matches": [_with_engine(match, _to_tensor) for match in start["matches"]],
+            "kept_states": [_with_engine(kept, _to_tensor) for kept in start["kept_states"]],
             "monitor": self.monitor.state_dict(),
             "crashes": self.crashes,
             "evaluated_at": self.evaluated_at,
