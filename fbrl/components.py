@@ -52,6 +52,12 @@ class AnalyticsOptions(DensityOptions):
     """What counts as a received pass: possession (the last controlled player with the ball was
     another one) or consecutive (the controlled player changed in this very step)."""
 
+    start_weight: float = 1.0
+    """Further factor of the start density; with 0 the end density pays alone."""
+
+    end_weight: float = 1.0
+    """That of the end density."""
+
     episode_cap: float | None = None
     """What the densities can pay in one match at most, in goals; by default there is no limit."""
 

@@ -149,6 +149,15 @@ class TestAgainstTheOracle:
         AssistDensityReward(transition=transition, weight=weight)(data)
         assert_paid_as_the_oracle_says(data, transition, weight)
 
+    @given(played=st.lists(episodes(), min_size=1, max_size=2))
+    @settings(deadline=None, max_examples=25)
+    def test_each_density_has_a_weight_of_its_own(self, played):
+        data = stored_trajectory(played)
+        AssistDensityReward(weight=2.0, start_weight=0.0, end_weight=3.0)(data)
+        assert_paid_as_the_oracle_says(
+            data, f_start=lambda x, y: 0.0, f_end=lambda x, y: 6.0 * F_END(x, y), tolerance=1e-5
+        )
+
     def test_the_exact_kernel_sum_within_half_a_percent_of_the_peaks(self):
         random = np.random.default_rng(0)
         clouds = [
@@ -779,6 +788,8 @@ class TestErrors:
             ({"transition": "posession"}, ValueError, "'posession'.*'possession', 'consecutive'"),
             ({"weight": -1.0}, ValueError, "weight is -1.0"),
             ({"weight": float("nan")}, ValueError, "weight is nan"),
+            ({"start_weight": -1.0}, ValueError, "start_weight is -1.0"),
+            ({"end_weight": "1"}, TypeError, "end_weight is '1'"),
             ({"weight": "1"}, TypeError, "weight is '1'"),
             ({"episode_cap": -1}, ValueError, "episode_cap is -1"),
             ({"episode_cap": True}, TypeError, "episode_cap is True"),

@@ -112,6 +112,8 @@ def test_a_configuration_survives_its_file(tmp_path):
         "density": "my.npz",
         "weight": 1.0,
         "transition": "possession",
+        "start_weight": 1.0,
+        "end_weight": 1.0,
         "episode_cap": None,
     }, "what is not given stands in the file, too"
 

@@ -162,9 +162,27 @@ def test_settings_are_combined_with_the_rest_and_name_the_runs(tmp_path, read_gr
     assert points[-1].config.ppo.gamma == 0.9
 
 
+def test_several_grids_are_gone_through_in_their_order(tmp_path, read_grid):
+    path = tmp_path / "grid.yaml"
+    path.write_text(
+        "grids:\n"
+        "  rewards: {scenario: academy_corner, reward: [scoring, analytics]}\n"
+        "  seeds: {scenario: academy_empty_goal, seed: [0, 1]}\n"
+    )
+    assert [point.run_dir.name for point in read_grid(path, tmp_path)] == [
+        "grid=rewards,reward=scoring",
+        "grid=rewards,reward=analytics",
+        "grid=seeds,seed=0",
+        "grid=seeds,seed=1",
+    ]
+
+
 @pytest.mark.parametrize(
     ("grid", "message"),
     [
+        ("grids: [a]", "each with a name of its own"),
+        ("grids: {a: {scenario: academy_corner}}\nseed: 1", "and not only these"),
+        ("grids: {a: {seed: 1}}", "no options of fbrl-train"),
         ("seed: [0, 1]", "no options of fbrl-train, with a scenario among them"),
         ("scenario: [", "is no YAML"),
         ("scenario: academy_corner\nseed: [0, 0]", "would have the same directory"),

@@ -85,6 +85,24 @@ def read_grid(path: Path, runs: Path) -> list[Point]:
         options = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise ValueError(f"{path} is no YAML: {error}") from error
+    grids = options.get("grids") if isinstance(options, dict) else None
+    if grids is None:
+        grids = {"": options}
+    elif not isinstance(grids, dict) or set(options) != {"grids"}:
+        raise ValueError(f"{path} has grids, and not only these, each with a name of its own.")
+    points = [
+        point
+        for name, grid in grids.items()
+        for point in _points(path, grid, runs, {"grid": name} if name else {})
+    ]
+    if not points:
+        raise ValueError(f"{path} has an empty list, so no training at all.")
+    if len({point.run_dir for point in points}) < len(points):
+        raise ValueError(f"Two points of {path} would have the same directory.")
+    return points
+
+
+def _points(path: Path, options: Any, runs: Path, named: Mapping[str, str]) -> list[Point]:
     if not isinstance(options, dict) or "scenario" not in options:
         raise ValueError(f"{path} has no options of fbrl-train, with a scenario among them.")
     settings = options.pop("settings", {"": {}})
@@ -100,17 +118,13 @@ def read_grid(path: Path, runs: Path) -> list[Point]:
             for name, value in {**options, **own_options}.items()
         }
         varied = [name for name, values in lists.items() if len(values) > 1]
-        named = {"setting": setting} if setting else {}
+        place = {**named, "setting": setting} if setting else named
         for values in itertools.product(*lists.values()):
             chosen = dict(zip(lists, values, strict=True))
-            run_dir = runs / directory_name(named | {name: chosen[name] for name in varied})
+            run_dir = runs / directory_name({**place, **{name: chosen[name] for name in varied}})
             arguments = training_arguments(chosen)
             config = parse_training("fbrl-train", [*arguments, "--run-dir", str(run_dir)])
             points.append(Point(run_dir, arguments, config))
-    if not points:
-        raise ValueError(f"{path} has an empty list, so no training at all.")
-    if len({point.run_dir for point in points}) < len(points):
-        raise ValueError(f"Two points of {path} would have the same directory.")
     return points
 
 

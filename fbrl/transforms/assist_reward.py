@@ -57,8 +57,8 @@ class AssistDensityReward(ShapedReward):
 
     - ``reward`` (..., 1): the sum of the three parts.
     - ``reward_scoring`` (..., 1): the reward that was read.
-    - ``reward_start_density`` (..., 1) float32: 0 to the start density's peak times weight.
-    - ``reward_end_density`` (..., 1) float32: 0 to the end density's peak times weight.
+    - ``reward_start_density`` (..., 1) float32: 0 to the start density's peak times its weights.
+    - ``reward_end_density`` (..., 1) float32: 0 to the end density's peak times its weights.
     - ``last_ball_carrier`` (...) int64: the last controlled player with the ball, -1 for none.
 
     Integers may have a trailing dimension of size 1. A ball outside the pitch, or with a NaN
@@ -79,6 +79,8 @@ class AssistDensityReward(ShapedReward):
             (:meth:`fbrl.density.AssistDensity.default`).
         transition: the reading of ``transition(s, s')``.
         weight: factor of both densities, at least 0.
+        start_weight: further factor of the start density, at least 0.
+        end_weight: that of the end density.
         episode_cap: what both densities' rewards of an episode sum up to at most, without
             discount, in goals; at least 0, by default no limit. The step that would exceed it is
             paid in part, in equal shares, and later ones not at all; scoring is never touched. The
@@ -128,6 +130,8 @@ class AssistDensityReward(ShapedReward):
         *,
         transition: Transition = "possession",
         weight: float = 1.0,
+        start_weight: float = 1.0,
+        end_weight: float = 1.0,
         episode_cap: float | None = None,
         keys: Mapping[str, NestedKey | None] | None = None,
     ) -> None:
@@ -144,7 +148,9 @@ class AssistDensityReward(ShapedReward):
         )
         self.density = density_from(density)
         self.transition = transition
-        self.weight = check_number("weight", weight)
+        weight = check_number("weight", weight)
+        self.start_weight = weight * check_number("start_weight", start_weight)
+        self.end_weight = weight * check_number("end_weight", end_weight)
         self.episode_cap = None if episode_cap is None else check_number("episode_cap", episode_cap)
         self._carrier = carrier
         # What was paid by another density, weight or cap tells nothing about this one.
@@ -209,6 +215,6 @@ class AssistDensityReward(ShapedReward):
         active = in_control(observation)
         received = active & (torch.minimum(before, after) > NOBODY) & (before != after)
         position = observation["ball"][..., :2]
-        start = self.density.start(position) * (active * self.weight)
-        end = self.density.end(position) * (received * self.weight)
+        start = self.density.start(position) * (active * self.start_weight)
+        end = self.density.end(position) * (received * self.end_weight)
         return start, end
