@@ -1,0 +1,208 @@
+"""Plays fresh matches with the finished runs of a grid, and makes the tables and figures of them.
+
+    python experiments/thesis/report.py runs/thesis results
+
+What was played is kept in each run's directory, match by match, so that the same command goes on
+after an interruption and with the runs that have been finished since.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+# The grid's reader is the sweep's.
+sys.path.append(str(Path(__file__).parents[1] / "sweep"))
+
+from grid import Point, read_grid
+
+from fbrl.cli.plot import main as plot
+from fbrl.evaluation.comparison import (
+    EvaluatedPolicy,
+    Row,
+    configurations,
+    improvements,
+    play,
+    pool_seeds,
+    result_row,
+    trained,
+)
+from fbrl.evaluation.evaluation import Evaluation
+from fbrl.files.atomic_write import atomic_write
+from fbrl.files.csv_table import as_number, read_csv_table
+from fbrl.scenarios import SCENARIO_GROUPS, SCENARIOS
+
+GRID = Path(__file__).with_name("grid.yaml")
+SEED = 1000
+"""Of the fresh matches: no training's."""
+
+ELSEWHERE = (*SCENARIO_GROUPS["all-academy"], "11_vs_11_easy_stochastic", "11_vs_11_stochastic")
+"""Where agents play beside the scenario that they were trained on."""
+
+FIGURES = {
+    "figure_6_1": ("academy_3_vs_1_with_keeper", "academy_counterattack_easy",
+                   "academy_counterattack_hard"),
+    "figure_6_2": ("11_vs_11_stochastic",),
+    "figure_6_3": ("11_vs_11_easy_stochastic",),
+}  # fmt: skip
+"""Those of the thesis, and the scenarios that they show."""
+
+
+def matches_of(
+    policy: EvaluatedPolicy, scenario: str, mode: str, episodes: int, run_dir: Path
+) -> Evaluation:
+    """The fresh matches of a run, from its directory if they were played before."""
+    path = run_dir / "fresh" / f"{scenario}-{mode}-{episodes}.csv"
+    if path.is_file():
+        table = read_csv_table(path)
+        return Evaluation(
+            {name: np.array([as_number(r[name]) for r in table.rows]) for name in table.columns}
+        )
+    print(f"{run_dir.name}: {episodes} matches of {scenario}, {mode}", flush=True)
+    evaluation = play(
+        policy,
+        scenario,
+        episodes=episodes,
+        seed=SEED,
+        num_envs=min(8, episodes),
+        greedy=mode == "greedy",
+        device=torch.device("cpu"),
+        on_progress=lambda finished: None,
+    )
+    path.parent.mkdir(exist_ok=True)
+    matches = evaluation.matches
+    write_table(path, list(matches), zip(*matches.values(), strict=True))
+    return evaluation
+
+
+def play_all(points: Sequence[Point], scale: float) -> tuple[list[EvaluatedPolicy], list[Row]]:
+    """All fresh matches of finished runs of one scenario, and a row for each result."""
+    policies = [trained(point.run_dir, torch.device("cpu")) for point in points]
+    labels = configurations(policies)
+    rows = []
+    for point, policy in zip(points, policies, strict=True):
+        own = point.config.scenario
+        many = 100 if own.startswith("11_vs_11") else 1000
+        wanted = [(own, "sample", many), (own, "greedy", many)]
+        wanted += [(scenario, "sample", 100) for scenario in ELSEWHERE if scenario != own]
+        for scenario, mode, episodes in wanted:
+            played = matches_of(
+                policy, scenario, mode, max(2, round(episodes * scale)), point.run_dir
+            )
+            label = labels[policy.name]
+            rows.append(result_row(policy, label, scenario, mode, SEED, played))
+    return policies, rows
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Writes a CSV table in one piece."""
+    with atomic_write(path) as file:
+        lines = [columns, *rows]
+        file.write("".join(",".join(map(_quoted, line)) + "\n" for line in lines).encode())
+
+
+def _quoted(value: object) -> str:
+    text = "" if value is None else str(value)
+    return '"' + text.replace('"', '""') + '"' if set(text) & set(',"\n') else text
+
+
+def draw_generalisation(rows: Sequence[Row], path: Path) -> None:
+    """A heat map of mean goal differences: trained on, played on."""
+    from fbrl.figures.files import save_figure
+    from fbrl.figures.style import new_figure, set_labels
+
+    played = [name for name in SCENARIOS if any(row["scenario"] == name for row in rows)]
+    agents = sorted({(row["trained_on"], row["configuration"]) for row in rows})
+    means = np.full((len(agents), len(played)), np.nan)
+    for i, agent in enumerate(agents):
+        for j, scenario in enumerate(played):
+            found = [
+                row["goal_difference"]
+                for row in rows
+                if (row["trained_on"], row["configuration"]) == agent
+                and (row["scenario"], row["mode"]) == (scenario, "sample")
+            ]
+            means[i, j] = np.mean(found) if found else np.nan
+    figure, axes = new_figure(1.0 * len(played) + 5, 0.4 * len(agents) + 3)
+    axes.grid(visible=False)
+    image = axes.imshow(means, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
+    axes.set_xticks(range(len(played)), played, rotation=40, ha="right")
+    axes.set_yticks(range(len(agents)), [f"{where}: {label}" for where, label in agents])
+    for (i, j), value in np.ndenumerate(means):
+        axes.text(j, i, f"{value:.2f}", ha="center", va="center")
+    figure.colorbar(image, ax=axes, label="goal difference")
+    set_labels(axes, "Trained on (rows), played on (columns)", "", "")
+    save_figure(figure, path)
+
+
+def draw(arguments: Sequence[str]) -> None:
+    """Has fbrl-plot draw."""
+    try:
+        plot(arguments)
+    except SystemExit as end:
+        if end.code:
+            raise
+
+
+def report(grid: Path, runs: Path, out: Path, scale: float) -> None:
+    """Everything that the finished runs say."""
+    points = read_grid(grid, runs)
+    finished = [point for point in points if point.is_finished()]
+    print(f"{len(finished)} of {len(points)} runs are finished.")
+    out.mkdir(parents=True, exist_ok=True)
+    rows: list[Row] = []
+    lines = [f"{len(finished)} of {len(points)} runs were finished.", ""]
+    for scenario in dict.fromkeys(point.config.scenario for point in finished):
+        own = [point for point in finished if point.config.scenario == scenario]
+        policies, played = play_all(own, scale)
+        rows += played
+        at_home = [row for row in played if row["scenario"] == scenario]
+        pooled = pool_seeds(policies, at_home)
+        lines += [f"## {scenario}", "", "| configuration | mode | seeds | interquartile mean |"]
+        lines += ["|---|---|---|---|"]
+        for seeds in pooled:
+            mean = seeds.goal_difference
+            interval = f"{mean.value:.3f} [{mean.low:.3f}, {mean.high:.3f}]"
+            lines += [f"| {seeds.label} | {seeds.mode} | {seeds.seeds} | {interval} |"]
+        lines += ["", "| configuration | over | mode | probability of improvement |"]
+        lines += ["|---|---|---|---|"]
+        for better, other, chance in improvements(pooled):
+            interval = f"{chance.value:.2f} [{chance.low:.2f}, {chance.high:.2f}]"
+            lines += [f"| {better.label} | {other.label} | {better.mode} | {interval} |"]
+        lines += [""]
+        directories = [str(point.run_dir) for point in own]
+        draw(["curves", *directories, "--out", str(out / f"curves_{scenario}.png")])
+    with atomic_write(out / "results.md") as file:
+        file.write("\n".join(lines).encode())
+    if not rows:
+        return
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    write_table(out / "results.csv", columns, ([row.get(c) for c in columns] for row in rows))
+    for name, scenarios in FIGURES.items():
+        shown = [row for row in rows if row["trained_on"] in scenarios]
+        if shown:
+            table = out / f"{name}.csv"
+            write_table(table, columns, ([row.get(c) for c in columns] for row in shown))
+            draw(["bars", str(table), "--reference", "thesis", "--out", str(out / f"{name}.png")])
+    draw_generalisation(rows, out / "generalisation.png")
+
+
+def _main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("runs", type=Path, metavar="RUNS", help="directory of the sweep's runs")
+    parser.add_argument("out", type=Path, metavar="OUT", help="directory for tables and figures")
+    parser.add_argument("--grid", type=Path, default=GRID, help="default: the thesis's")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="share of the matches, for a trial (default: 1)"
+    )
+    options = parser.parse_args()
+    report(options.grid, options.runs, options.out, options.scale)
+
+
+if __name__ == "__main__":
+    _main()
