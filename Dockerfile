@@ -31,6 +31,7 @@ COPY . /opt/fbrl
 WORKDIR /opt/fbrl
 RUN --mount=type=cache,target=/var/cache/fbrl \
     make setup TORCH="${TORCH}" XDG_CACHE_HOME=/var/cache/fbrl \
+    && .venv/bin/python -m compileall -q -j 0 .venv/lib fbrl \
     && apt-get clean \
     && rm -rf build /var/lib/apt/lists/*
 

@@ -4,9 +4,14 @@ Importing it registers the Gymnasium ids ``fbrl/<scenario>-v0``; nothing of the 
 imported before an environment is made.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fbrl.registration import register_scenarios
+
+if TYPE_CHECKING:
+    from fbrl.agent import load_agent
+
+__all__ = ["load_agent"]
 
 __version__ = "0.1.0"
 

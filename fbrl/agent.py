@@ -13,8 +13,9 @@ from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
 from fbrl.checks.counts import check_count
 from fbrl.config import ConfigError, TrainConfig
 from fbrl.config_json import config_from_dict, config_to_dict
+from fbrl.density.controls import BUILT_IN
 from fbrl.models.actor_critic import ActorCritic
-from fbrl.pretrained import locate
+from fbrl.pretrained import PREFIX, locate
 from fbrl.run_files import CHECKPOINTS
 
 
@@ -69,15 +70,26 @@ def load_agent(path: Path | str, device: torch.device | str = "cpu") -> Agent:
     return Agent(config, frames, model, _run_dir(path))
 
 
-def save_agent(agent: Agent, path: Path) -> None:
+def save_agent(agent: Agent, path: Path | str) -> None:
     """Writes a checkpoint of the agent alone: its weights, and the configuration of its training.
 
     Raises:
+        ConfigError: Its reward has densities from a file, without which it can't be evaluated.
         OSError: The file can't be written.
     """
-    config = dataclasses.replace(agent.config, run_dir=None, initial_weights=None)
+    config = agent.config
+    density = config.reward_options.get("density")
+    if density is not None and density not in BUILT_IN:
+        raise ConfigError(
+            f"The agent's reward has densities of its own, from {density}, which no checkpoint "
+            "holds. Pass on the directory of its run instead: that has everything."
+        )
+    began_with = config.initial_weights
+    if not str(began_with).startswith(PREFIX):
+        began_with = None
+    config = dataclasses.replace(config, run_dir=None, initial_weights=began_with)
     save_checkpoint(
-        path,
+        Path(path),
         config=config_to_dict(config),
         frames=agent.frames,
         model=agent.model.state_dict(),

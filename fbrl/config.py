@@ -169,7 +169,8 @@ class TrainConfig:
     """Options of the mask."""
 
     network: str | None = None
-    """What reads the observation; by default impala for mini maps, and mlp for vectors."""
+    """What reads the observation; by default impala for mini maps and pixels, and mlp
+    for vectors."""
 
     network_options: Mapping[str, Any] = field(default_factory=dict)
     """Options of the network."""

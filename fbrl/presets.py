@@ -11,12 +11,13 @@ from fbrl.scenarios import SCENARIOS
 
 PRESETS = {
     "light": "simple115 and a small network, trains at the engine's speed on a CPU",
-    "strong": "players, the potential and a learner for its small rewards: experiments/learning",
+    "strong": "players, the potential and a learner for its small rewards; for counterattacks, "
+    "with --initial-weights pretrained:academy_3_vs_1_with_keeper",
     "thesis": "mini map, IMPALA network and Table 5.1; wants a GPU",
 }
 """What each is."""
 
-# experiments/learning: what learned academy_counterattack_hard.
+# experiments/learning: what learned academy_counterattack_hard, from weights of another training.
 _STRONG = PPOConfig(
     num_envs=32,
     num_steps=128,

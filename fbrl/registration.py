@@ -25,7 +25,7 @@ def register_scenarios() -> None:
 
 
 def make_vector_env(
-    scenario: str, num_envs: int = 1, *, max_episode_steps: int, **options: Any
+    scenario: str, num_envs: int = 1, *, max_episode_steps: int | None, **options: Any
 ) -> FootballVectorEnv:
     """What ``gymnasium.make_vec`` calls, which names the time limit that is registered.
 
@@ -35,10 +35,11 @@ def make_vector_env(
     from fbrl.envs.vector_env import FootballVectorEnv
 
     registered = SCENARIOS.get(scenario)
-    if registered is not None and max_episode_steps != registered.max_steps:
+    no_other = (None, -1, registered.max_steps if registered else max_episode_steps)
+    if max_episode_steps not in no_other:
         raise ValueError(
             f"max_episode_steps is {max_episode_steps}, but a match of {scenario!r} takes up to "
-            f"{registered.max_steps} steps. Write a scenario of your own with another "
-            "game_duration, or take vectorization_mode='sync'."
+            f"{no_other[-1]} steps. Write a scenario of your own with another game_duration, or "
+            "take vectorization_mode='sync'."
         )
     return FootballVectorEnv(scenario, num_envs, **options)

@@ -25,6 +25,11 @@ WRITTEN = {
         "sep=;\r\nx;y;end_x;end_y;match_id;pass_type;cross\r\n90;40,5;100;41;7;;0\r\n"
         "91;42;101;43;8;Corner;1\r\n"
     ),
+    "for Excel, and saved again by another program": (
+        "sep=;;;;;;;\nx;y;end_x;end_y;match_id;pass_type;cross\n90;40,5;100;41;7;;0\n"
+        "91;42;101;43;8;Corner;1\n"
+    ),
+    "for Excel, with tabs": "sep=\t\n" + PLAIN.replace(",", "\t"),
     "pasted, with tabs": PLAIN.replace(",", "\t"),
     "R's write.csv": (
         '"","x","y","end_x","end_y","match_id","pass_type","cross"\n'

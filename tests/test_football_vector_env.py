@@ -106,6 +106,8 @@ def test_gymnasium_can_make_it():
     env.close()
     with pytest.raises(ValueError, match=r"max_episode_steps is 50.* 401 steps.*game_duration"):
         gymnasium.make_vec(f"fbrl/{SCENARIO}-v0", num_envs=2, max_episode_steps=50)
+    for no_other in (-1, None):
+        gymnasium.make_vec(f"fbrl/{SCENARIO}-v0", num_envs=2, max_episode_steps=no_other).close()
 
 
 def test_passes_torchrls_checks():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import pytest
 import torch
 
@@ -11,7 +14,10 @@ import fbrl.cli.train
 import fbrl.cli.watch
 from fbrl.agent import load_agent, save_agent
 from fbrl.checkpoint import load_checkpoint
-from fbrl.evaluation.comparison import play, trained
+from fbrl.cli.train_options import parse_training
+from fbrl.config import ConfigError
+from fbrl.config_json import config_from_dict
+from fbrl.evaluation.comparison import configurations, play, pool_seeds, trained
 from fbrl.pretrained import locate, pretrained_names, read_card
 from fbrl.scenarios import SCENARIOS
 
@@ -50,6 +56,11 @@ def test_a_card_says_where_an_agent_comes_from_and_its_file_nothing_of_a_machine
     assert content["config"]["reward"] == card["reward"]
     assert content["config"]["run_dir"] is None
     assert not [value for value in content["config"].values() if "/" in str(value)]
+    last = parse_training("fbrl-train", card["commands"][-1].split()[1:])
+    learned = config_from_dict(content["config"])
+    assert (last.scenario, last.ppo, last.reward) == (name, learned.ppo, learned.reward)
+    assert last.observation == learned.observation
+    assert card["frames"] >= content["frames"]
 
 
 def test_an_agent_is_named_in_the_place_of_a_run(run_main, tmp_path):
@@ -80,10 +91,42 @@ def test_an_agent_that_there_is_not_is_answered_with_those_that_there_are(run_ma
     assert "academy_3_vs_1_with_keeper" in error
 
 
+def test_an_agent_that_was_chosen_counts_as_no_seed_of_a_configuration(tmp_path):
+    twin = save_twin(tmp_path / "twin", seed=0)
+    policies = [trained(path, torch.device("cpu")) for path in (Path(EASY), twin)]
+    labels = configurations(policies)
+    assert labels[EASY] == EASY
+    assert EASY not in labels[str(twin)]
+    rows = [
+        {"policy": one.name, "mode": "sample", "scenario": "academy_corner", "goal_difference": 1.0}
+        for one in policies
+    ]
+    other = trained(save_twin(tmp_path / "other", seed=1), torch.device("cpu"))
+    rows.append({**rows[1], "policy": other.name})
+    (pooled,) = pool_seeds([*policies, other], rows)
+    assert pooled.seeds == 2
+
+
+def save_twin(run_dir: Path, seed: int) -> Path:
+    """A run of the configuration of the agent that comes along."""
+    agent = load_agent(EASY)
+    config = dataclasses.replace(agent.config, seed=seed)
+    save_agent(dataclasses.replace(agent, config=config), run_dir / "checkpoints" / "last.pt")
+    return run_dir
+
+
+def test_an_agent_with_densities_of_its_own_is_not_saved_without_them(tmp_path):
+    agent = load_agent(EASY)
+    config = dataclasses.replace(agent.config, reward_options={"density": "my.npz"})
+    with pytest.raises(ConfigError, match=r"my\.npz.*directory of its run"):
+        save_agent(dataclasses.replace(agent, config=config), tmp_path / "agent.pt")
+    assert not (tmp_path / "agent.pt").exists()
+
+
 def test_an_agent_of_ones_own_is_saved_alone(tmp_path):
     agent = load_agent(EASY)
     path = tmp_path / "agent.pt"
-    save_agent(agent, path)
+    save_agent(agent, str(path))
     again = load_agent(path)
     assert again.config == agent.config
     assert again.frames == agent.frames

@@ -49,7 +49,7 @@ def group_runs(
     Where matches are played, how often is saved and how often evaluated may differ, too: see
     :data:`NOT_TRAINED`.
 
-    A label has what differs between the configurations of a scenario. What both presets merely
+    A label has what differs between the configurations of a scenario. What the presets merely
     bring along is not listed: the runs are then told apart by the preset's name.
 
     Args:

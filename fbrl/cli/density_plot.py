@@ -55,7 +55,9 @@ def add_plot(commands: Any) -> None:
     )
     played = agent.add_mutually_exclusive_group(required=True)
     played.add_argument(
-        "--run", type=Path, help="directory of a run: play matches with its latest checkpoint"
+        "--run",
+        type=Path,
+        help="directory of a run: play matches with its latest checkpoint; or pretrained:NAME",
     )
     played.add_argument(
         "--positions",

@@ -30,6 +30,7 @@ from fbrl.envs.vector_env import ActionSet
 from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate
 from fbrl.evaluation.policies import make_policy
 from fbrl.presets import nearest_preset
+from fbrl.pretrained import PREFIX
 from fbrl.run_files import METRICS_NAME
 from fbrl.run_seeds import fresh_seed
 from fbrl.transforms import ScoringReward
@@ -81,10 +82,11 @@ class PooledSeeds:
 
 
 def trained(path: Path, device: torch.device) -> EvaluatedPolicy:
-    """The agent of a checkpoint, or of a run's latest one.
+    """The agent of a checkpoint, of a run's latest one, or of ``pretrained:NAME``.
 
     Raises:
         CheckpointError: There is none, or it is damaged.
+        UnknownNameError: fbrl brings no agent of this name along.
         ConfigError: The density of its reward can't be read.
     """
     agent = load_agent(path, device)
@@ -164,7 +166,8 @@ def configurations(policies: Sequence[EvaluatedPolicy]) -> dict[str, str]:
         RunGroupError: A seed comes twice in a configuration.
     """
     groups = _groups(policies, always=("reward",))
-    return {str(run.run_dir): group.label for group in groups for run in group.runs}
+    labels = {str(run.run_dir): group.label for group in groups for run in group.runs}
+    return labels | {one.name: one.name for one in policies if _is_pretrained(one)}
 
 
 def result_row(
@@ -288,9 +291,16 @@ def _or_none(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
+def _is_pretrained(evaluated: EvaluatedPolicy) -> bool:
+    return evaluated.name.startswith(PREFIX)
+
+
 def _groups(policies: Sequence[EvaluatedPolicy], always: Sequence[str] = ()) -> list[RunGroup]:
     runs, frames = [], []
     for evaluated in policies:
+        if _is_pretrained(evaluated):
+            # Chosen from several, it would be no fair seed among those of a configuration.
+            continue
         if evaluated.config is not None and evaluated.frames is not None:
             runs.append(RunLog(Path(evaluated.name), evaluated.config))
             frames.append(evaluated.frames)

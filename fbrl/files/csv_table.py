@@ -14,7 +14,7 @@ _MISSING = frozenset({"", "na", "nan", "n/a", "#n/a", "<na>", "null", "none"})
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 
-_SEPARATOR = re.compile(r'"?sep=(.)"?')
+_SEPARATOR = re.compile(r'"?sep=([,;\t])"?\1*')
 """What may stand in a line before the header, for Excel."""
 
 
@@ -48,7 +48,7 @@ def read_csv_table(path: str | os.PathLike[str]) -> CsvTable:
     with Path(path).open(newline="", encoding="utf-8-sig") as file:
         try:
             first = file.readline()
-            said = _SEPARATOR.fullmatch(first.strip())
+            said = _SEPARATOR.fullmatch(first.rstrip("\r\n"))
             if not said:
                 file.seek(0)
             separator = said[1] if said else max(",;\t", key=first.count)

@@ -107,7 +107,7 @@ def build_actor_critic(
     Args:
         observation: what is read, as for :func:`fbrl.envs.make_env`.
         network: a name in :data:`fbrl.components.NETWORKS`; by default ``"mlp"`` for vectors and
-            ``"impala"`` for mini maps.
+            ``"impala"`` for all else.
         num_actions: number of discrete actions.
         is_mirrored: whether the network sees every state with the ball in the lower half, see
             :mod:`fbrl.models.mirror`.

@@ -24,7 +24,7 @@ __all__ = ["ImpalaCNN"]
 
 
 class ImpalaCNN(nn.Module):
-    """gfootball's ``gfootball_impala_cnn``: from the stacked Super Mini Map to 256 features.
+    """gfootball's ``gfootball_impala_cnn``: from pictures, such as stacked mini maps, to features.
 
     Four stages of 16, 32, 32 and 32 channels, each a 3x3 convolution without activation, a 3x3
     max-pooling of stride 2 and two residual blocks; then a ReLU, and a linear layer with ReLU.
@@ -75,7 +75,11 @@ class ImpalaCNN(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Maps cells or planes of any batch shape to ``(*batch, num_features)``."""
+        """Maps cells, planes or pictures of any batch shape to ``(*batch, num_features)``.
+
+        Raises:
+            ValueError: They are of another shape or dtype.
+        """
         first, *others = cast("Iterable[_Stage]", self.stages)
         pooled, batch = self._convolve_and_pool(first.conv, observation)
         features = first.residual(pooled)

@@ -101,7 +101,11 @@ class PlanesMirror(nn.Module):
 
 
 class PixelsMirror(nn.Module):
-    """Mirrors the pictures of :class:`~fbrl.transforms.Pixels`, by where they show the ball."""
+    """Mirrors the pictures of :class:`~fbrl.transforms.Pixels`, by where they show the ball.
+
+    Those stay as they are in which the ball is beside the picture, or in the middle row of an odd
+    height.
+    """
 
     def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """What is seen, and whether it is mirrored, bool (...), from (..., 3, height, width)."""

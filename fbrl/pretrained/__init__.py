@@ -42,10 +42,14 @@ def read_card(name: str) -> dict[str, Any]:
         name: One of :func:`pretrained_names`.
 
     Returns:
-        ``scenario`` and ``reward``; ``frames``, those of all trainings that led to it; ``commands``
-        that trained it; ``goal_difference``, the mean over ``episodes`` fresh matches, with
-        ``low`` and ``high``, its 95 % interval; ``license`` and ``credit``.
+        ``scenario`` and ``reward``; ``frames``, those of all trainings that led to it, of which an
+        agent's own ``frames`` are the last one's; ``commands`` that trained it;
+        ``goal_difference``, the mean over ``episodes`` fresh matches, with ``low`` and ``high``,
+        its 95 % interval; ``license`` and ``credit``.
+
+    Raises:
+        UnknownNameError: There is no such agent.
     """
     name = check_name("pretrained agent", name, pretrained_names())
-    card: dict[str, Any] = json.loads((_FOLDER / f"{name}.json").read_text())
+    card: dict[str, Any] = json.loads((_FOLDER / f"{name}.json").read_text(encoding="utf-8"))
     return card

@@ -134,7 +134,7 @@ def _take_weights(model: ActorCritic, config: TrainConfig, path: str) -> None:
         if theirs != ours:
             raise ConfigError(
                 f"initial_weights is {path}, whose {name} is {theirs}; here it is {ours}. It has "
-                "to be the same."
+                "to be the same: choose it as there, or leave initial_weights out."
             )
     model.load_state_dict(other.model.state_dict())
 

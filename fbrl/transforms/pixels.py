@@ -138,8 +138,8 @@ class Pixels(RawObservationTransform):
         picture.draw_discs(left, left_plays & is_controlled, _CONTROLLED, player + 1.0)
         picture.draw_discs(right, right_plays, _RIGHT, player)
         picture.draw_discs(left, left_plays, _LEFT, player)
-        height = ball[..., 2].clamp(0.0, _HIGHEST)
-        radius = (_BALL_RADIUS + _BALL_GROWTH * height) * picture.pixels_per_metre
+        ball_height = ball[..., 2].clamp(0.0, _HIGHEST)
+        radius = (_BALL_RADIUS + _BALL_GROWTH * ball_height) * picture.pixels_per_metre
         largest = max(1.0, (_BALL_RADIUS + _BALL_GROWTH * _HIGHEST) * picture.pixels_per_metre)
         picture.draw_discs(ball[..., :2], ball_plays, _BALL, largest, radius.clamp(min=1.0))
         return picture.colours().view(*batch, 3, self.height, self.width)
@@ -156,15 +156,7 @@ class _Picture:
         self._paint = torch.empty(number * size + 1, dtype=torch.uint8, device=device)
         self._paint[:-1].view(number, size).copy_(_empty_pitch(height, width, device).flatten())
         self._first = torch.arange(number, device=device)[:, None, None] * size
-        per_metre = width / (_LENGTH + 2 * MARGIN), height / (_WIDTH + 2 * MARGIN)
-        per_unit = [
-            pixels * metres for pixels, metres in zip(per_metre, METRES_PER_UNIT, strict=True)
-        ]
-        middle = [(width - 1) / 2, (height - 1) / 2]
-        self._scale, self._middle = torch.tensor(
-            [per_unit, middle], dtype=torch.float64, device=device
-        )
-        self.pixels_per_metre = min(per_metre)
+        self._scale, self._middle, self.pixels_per_metre = _grid(height, width, device)
 
     def draw_discs(
         self,
@@ -178,10 +170,10 @@ class _Picture:
 
         Args:
             points: In pitch units.
-            is_there: Which of them are drawn.
+            is_there: Which of them are drawn, bool (matches, n).
             colour: Their number in the palette.
             largest: Their radius in pixels.
-            radius: That of each, at most the largest, where they differ.
+            radius: That of each, (matches, n), at most the largest, where they differ.
         """
         offsets = _offsets(int(largest + 0.5), points.device)
         squared = largest**2 if radius is None else radius.square().unsqueeze(-1)
@@ -191,9 +183,8 @@ class _Picture:
 
     def colours(self) -> Tensor:
         """Red, green and blue, uint8 (matches, 3, pixels)."""
-        palette = torch.tensor(_PALETTE, dtype=torch.uint8, device=self._paint.device)
         paint = self._paint[:-1].view(len(self._first), self._height * self._width).int()
-        return torch.stack([channel[paint] for channel in palette.unbind(-1)], 1)
+        return torch.stack([channel[paint] for channel in _palette(self._paint.device)], 1)
 
     def _pixels(self, points: Tensor) -> Tensor:
         """Column and row of positions in pitch units; the middle of a pixel is a whole number."""
@@ -208,6 +199,23 @@ class _Picture:
         index = self._first + (row * self._width + column)
         index = torch.where(is_seen, index, len(self._paint) - 1)
         self._paint.index_fill_(0, index.flatten(), colour)
+
+
+# Made once for each device: to copy numbers there makes a GPU wait.
+@lru_cache
+def _palette(device: torch.device) -> tuple[Tensor, ...]:
+    """Red, green and blue of each number that is painted, uint8 (numbers,) each."""
+    return torch.tensor(_PALETTE, dtype=torch.uint8, device=device).unbind(-1)
+
+
+@lru_cache
+def _grid(height: int, width: int, device: torch.device) -> tuple[Tensor, Tensor, float]:
+    """Pixels in a pitch unit and the middle's pixel, float64 (2,) each; pixels in a metre."""
+    per_metre = width / (_LENGTH + 2 * MARGIN), height / (_WIDTH + 2 * MARGIN)
+    per_unit = [pixels * unit for pixels, unit in zip(per_metre, METRES_PER_UNIT, strict=True)]
+    middle = [(width - 1) / 2, (height - 1) / 2]
+    scale_and_middle = torch.tensor([per_unit, middle], dtype=torch.float64, device=device)
+    return scale_and_middle[0], scale_and_middle[1], min(per_metre)
 
 
 @lru_cache
