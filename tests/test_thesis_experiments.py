@@ -1,0 +1,94 @@
+"""The report of the thesis's experiments, on a small copy of their grid."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fbrl.files.csv_table import read_csv_table
+from fbrl.training import train
+
+REPORT = Path(__file__).parents[1] / "experiments" / "thesis" / "report.py"
+GRID = """
+grids:
+  rewards:
+    scenario: academy_empty_goal_close
+    reward: [analytics, scoring]
+    seed: [0, 1]
+    total-frames: 1024
+    num-envs: 4
+    num-steps: 64
+    num-minibatches: 1
+    eval-episodes: 2
+    eval-pictures: false
+  not begun:
+    scenario: academy_corner
+"""
+
+
+@pytest.fixture(scope="module")
+def report():
+    spec = importlib.util.spec_from_file_location("thesis_report", REPORT)
+    module = importlib.util.module_from_spec(spec)
+    before = list(sys.path)
+    spec.loader.exec_module(module)
+    yield module
+    sys.path[:] = before
+
+
+@pytest.fixture(scope="module")
+def runs(report, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("thesis")
+    grid = folder / "grid.yaml"
+    grid.write_text(GRID)
+    for point in report.read_grid(grid, folder / "runs"):
+        if point.config.scenario == "academy_empty_goal_close":
+            train(point.config)
+    return grid, folder / "runs"
+
+
+def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "ELSEWHERE", ("academy_empty_goal",))
+    monkeypatch.setattr(report, "FIGURES", {"figure_6_1": ("academy_empty_goal_close",)})
+    grid, folder = runs
+    report.report(grid, folder, tmp_path / "out", scale=0.004)
+    made = {path.name for path in (tmp_path / "out").iterdir()}
+    assert made == {
+        "results.md",
+        "results.csv",
+        "figure_6_1.csv",
+        "figure_6_1.png",
+        "curves_academy_empty_goal_close.png",
+        "generalisation.png",
+    }
+    rows = read_csv_table(tmp_path / "out" / "results.csv").rows
+    assert len(rows) == 4 * 3
+    assert {(row["scenario"], row["mode"]) for row in rows} == {
+        ("academy_empty_goal_close", "sample"),
+        ("academy_empty_goal_close", "greedy"),
+        ("academy_empty_goal", "sample"),
+    }
+    text = (tmp_path / "out" / "results.md").read_text()
+    assert text.startswith("4 of 5 runs were finished.")
+    assert "analytics" in text
+    assert "probability of improvement" in text
+    # What was played is kept, and the same when it is read again.
+    monkeypatch.setattr(report, "play", None)
+    report.report(grid, folder, tmp_path / "again", scale=0.004)
+    for name in ("results.md", "results.csv", "figure_6_1.csv"):
+        assert (tmp_path / "again" / name).read_text() == (tmp_path / "out" / name).read_text()
+
+
+def test_the_grid_of_the_thesis_is_one(report, tmp_path):
+    grids = yaml.safe_load(report.GRID.read_text())
+    for grid in grids["grids"].values():
+        grid["seed"] = 0  # the others are read alike
+    path = tmp_path / "grid.yaml"
+    path.write_text(yaml.safe_dump(grids))
+    points = report.read_grid(path, tmp_path / "runs")
+    for scenarios in report.FIGURES.values():
+        assert {point.config.scenario for point in points} >= set(scenarios)
