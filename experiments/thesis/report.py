@@ -9,6 +9,8 @@ after an interruption and with the runs that have been finished since.
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -101,14 +103,10 @@ def play_all(points: Sequence[Point], scale: float) -> tuple[list[EvaluatedPolic
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Writes a CSV table in one piece."""
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows([columns, *rows])
     with atomic_write(path) as file:
-        lines = [columns, *rows]
-        file.write("".join(",".join(map(_quoted, line)) + "\n" for line in lines).encode())
-
-
-def _quoted(value: object) -> str:
-    text = "" if value is None else str(value)
-    return '"' + text.replace('"', '""') + '"' if set(text) & set(',"\n') else text
+        file.write(text.getvalue().encode())
 
 
 def draw_generalisation(rows: Sequence[Row], path: Path) -> None:
