@@ -15,7 +15,7 @@ from fbrl.config import ConfigError, TrainConfig
 from fbrl.config_json import config_from_dict, config_to_dict
 from fbrl.density.controls import BUILT_IN
 from fbrl.models.actor_critic import ActorCritic
-from fbrl.pretrained import PREFIX, locate
+from fbrl.pretrained import PREFIX, locate, pretrained_names
 from fbrl.run_files import CHECKPOINTS
 
 
@@ -54,6 +54,8 @@ def load_agent(path: Path | str, device: torch.device | str = "cpu") -> Agent:
         'players'
     """
     path, device = locate(path), torch.device(device)
+    if str(path) in pretrained_names() and not path.exists():
+        raise CheckpointError(f"There is no run {path} here. Is {PREFIX}{path} what you mean?")
     content = load_checkpoint(path)
     try:
         config = config_from_dict(content["config"])
