@@ -34,12 +34,11 @@ def make_vector_env(
     """
     from fbrl.envs.vector_env import FootballVectorEnv
 
-    registered = SCENARIOS.get(scenario)
-    no_other = (None, -1, registered.max_steps if registered else max_episode_steps)
-    if max_episode_steps not in no_other:
+    own = SCENARIOS[scenario].max_steps if scenario in SCENARIOS else max_episode_steps
+    if max_episode_steps not in (own, None, -1):
         raise ValueError(
             f"max_episode_steps is {max_episode_steps}, but a match of {scenario!r} takes up to "
-            f"{no_other[-1]} steps. Write a scenario of your own with another game_duration, or "
+            f"{own} steps. Write a scenario of your own with another game_duration, or "
             "take vectorization_mode='sync'."
         )
     return FootballVectorEnv(scenario, num_envs, **options)

@@ -88,9 +88,9 @@ def test_a_training_goes_on_from_an_agent(run_main, tmp_path):
 def test_an_agent_that_there_is_not_is_answered_with_those_that_there_are(run_main):
     error = run_main(fbrl.cli.eval.main, "pretrained:messi", code=2).err
     assert "messi" in error
+    assert "academy_3_vs_1_with_keeper" in error
     forgotten = run_main(fbrl.cli.eval.main, "academy_3_vs_1_with_keeper", code=2).err
     assert EASY in forgotten
-    assert "academy_3_vs_1_with_keeper" in error
 
 
 def test_an_agent_that_was_chosen_counts_as_no_seed_of_a_configuration(tmp_path):

@@ -9,10 +9,8 @@ after an interruption and with the runs that have been finished since.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +34,7 @@ from fbrl.evaluation.comparison import (
 )
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.files.atomic_write import atomic_write
-from fbrl.files.csv_table import as_number, read_csv_table
+from fbrl.files.csv_table import as_number, read_csv_table, write_csv_table
 from fbrl.scenarios import SCENARIO_GROUPS, SCENARIOS
 
 GRID = Path(__file__).with_name("grid.yaml")
@@ -77,8 +75,9 @@ def matches_of(
         on_progress=lambda finished: None,
     )
     path.parent.mkdir(exist_ok=True)
-    matches = evaluation.matches
-    write_table(path, list(matches), zip(*matches.values(), strict=True))
+    figures = evaluation.matches
+    matches = zip(*figures.values(), strict=True)
+    write_csv_table(path, [dict(zip(figures, match, strict=True)) for match in matches])
     return evaluation
 
 
@@ -99,14 +98,6 @@ def play_all(points: Sequence[Point], scale: float) -> tuple[list[EvaluatedPolic
             label = labels[policy.name]
             rows.append(result_row(policy, label, scenario, mode, SEED, played))
     return policies, rows
-
-
-def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Writes a CSV table in one piece."""
-    text = io.StringIO(newline="")
-    csv.writer(text).writerows([columns, *rows])
-    with atomic_write(path) as file:
-        file.write(text.getvalue().encode())
 
 
 def draw_generalisation(rows: Sequence[Row], path: Path) -> None:
@@ -179,13 +170,12 @@ def report(grid: Path, runs: Path, out: Path, scale: float) -> None:
         file.write("\n".join(lines).encode())
     if not rows:
         return
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    write_table(out / "results.csv", columns, ([row.get(c) for c in columns] for row in rows))
+    write_csv_table(out / "results.csv", rows)
     for name, scenarios in FIGURES.items():
         shown = [row for row in rows if row["trained_on"] in scenarios]
         if shown:
             table = out / f"{name}.csv"
-            write_table(table, columns, ([row.get(c) for c in columns] for row in shown))
+            write_csv_table(table, shown)
             draw(["bars", str(table), "--reference", "thesis", "--out", str(out / f"{name}.png")])
     draw_generalisation(rows, out / "generalisation.png")
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import json
 import math
 import os
@@ -29,6 +27,7 @@ from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted
 from fbrl.cli.eval_display import EvaluationProgress, print_report
 from fbrl.cli.outputs import check_outputs
 from fbrl.files.atomic_write import atomic_write
+from fbrl.files.csv_table import write_csv_table
 from fbrl.policy_names import MODES, POLICIES
 from fbrl.pretrained import pretrained_names
 from fbrl.scenarios import SCENARIO_GROUPS, expand_scenarios
@@ -147,9 +146,10 @@ def _main(options: argparse.Namespace) -> None:
         raise ValueError("A policy alone has no scenario it was trained on: add --scenario.")
     report = _evaluate(options, scenarios)
     if options.json is not None:
-        _write(options.json, json.dumps(report, indent=2) + "\n")
+        with atomic_write(options.json) as file:
+            file.write((json.dumps(report, indent=2) + "\n").encode())
     if options.csv is not None:
-        _write(options.csv, _csv_table(report["results"]))
+        write_csv_table(options.csv, report["results"])
     print_report(report)
 
 
@@ -229,16 +229,3 @@ def _play_all(
                         result_row(evaluated, label, scenario, mode, options.seed, evaluation)
                     )
     return rows
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_write(path) as file:
-        file.write(text.encode())
-
-
-def _csv_table(rows: Sequence[Row]) -> str:
-    text = io.StringIO(newline="")
-    table = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)))
-    table.writeheader()
-    table.writerows(rows)
-    return text.getvalue()

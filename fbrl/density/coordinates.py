@@ -14,6 +14,12 @@ HALF_WIDTH = 0.42
 METRES_PER_UNIT = (54.4, 83.6)
 """How long one unit of x and of y is in the environment's physics."""
 
+PITCH_LENGTH = 2 * HALF_LENGTH * METRES_PER_UNIT[0]
+"""From goal line to goal line, metres."""
+
+PITCH_WIDTH = 2 * HALF_WIDTH * METRES_PER_UNIT[1]
+"""From touch line to touch line, metres."""
+
 STATSBOMB_LENGTH = 120.0
 STATSBOMB_WIDTH = 80.0
 

@@ -7,10 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from fbrl.density import AssistDensity
-from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
+from fbrl.density.coordinates import (
+    HALF_LENGTH,
+    HALF_WIDTH,
+    METRES_PER_UNIT,
+    PITCH_LENGTH,
+    PITCH_WIDTH,
+)
 from fbrl.drawing.canvas import Colour, circle, line, text
 from fbrl.drawing.header import Header
-from fbrl.drawing.pitch_background import LENGTH, MARGIN, WIDTH, pitch_background
+from fbrl.drawing.pitch_background import MARGIN, pitch_background
 
 LEFT_COLOUR: Colour = (38, 110, 235)
 RIGHT_COLOUR: Colour = (214, 48, 49)
@@ -51,9 +57,9 @@ class MatchPicture:
             raise ValueError(f"width is {width}; an even number of at least {MIN_WIDTH} is needed.")
         # Letters stop shrinking before they can't be read.
         self.unit = max(width / 960, _SMALLEST_UNIT)
-        self.pixels_per_metre = width / (LENGTH + 2 * MARGIN)
+        self.pixels_per_metre = width / (PITCH_LENGTH + 2 * MARGIN)
         self._header_height = round(52 * self.unit)
-        pitch_height = round((WIDTH + 2 * MARGIN) * self.pixels_per_metre)
+        pitch_height = round((PITCH_WIDTH + 2 * MARGIN) * self.pixels_per_metre)
         self.width, self.height = width, self._header_height + pitch_height
         self._empty = np.full((self.height, width, 3), PANEL_COLOUR, np.uint8)
         self._empty[self._header_height :] = pitch_background(density, width, pitch_height)

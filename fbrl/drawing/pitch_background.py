@@ -10,13 +10,7 @@ from matplotlib.figure import Figure
 from mplsoccer import Pitch
 
 from fbrl.density import AssistDensity, PositionDensity
-from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
-
-LENGTH = 2 * HALF_LENGTH * METRES_PER_UNIT[0]
-"""From goal line to goal line, metres."""
-
-WIDTH = 2 * HALF_WIDTH * METRES_PER_UNIT[1]
-"""From touch line to touch line, metres."""
+from fbrl.density.coordinates import PITCH_LENGTH, PITCH_WIDTH
 
 MARGIN = 4.0
 """Grass around the pitch, where players may run, metres."""
@@ -48,8 +42,8 @@ def pitch_background(density: AssistDensity | None, width: int, height: int) -> 
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     pitch = Pitch(
         pitch_type="custom",
-        pitch_length=LENGTH,
-        pitch_width=WIDTH,
+        pitch_length=PITCH_LENGTH,
+        pitch_width=PITCH_WIDTH,
         pitch_color=_GRASS,
         stripe=True,
         stripe_color=_STRIPE,
@@ -62,8 +56,8 @@ def pitch_background(density: AssistDensity | None, width: int, height: int) -> 
     )
     pitch.draw(ax=axes)
     axes.set_aspect("auto")
-    axes.set_xlim(-MARGIN, LENGTH + MARGIN)
-    axes.set_ylim(-MARGIN, WIDTH + MARGIN)
+    axes.set_xlim(-MARGIN, PITCH_LENGTH + MARGIN)
+    axes.set_ylim(-MARGIN, PITCH_WIDTH + MARGIN)
     if density is not None:
         _lay_over(axes, density.start, START_COLOUR)
         _lay_over(axes, density.end, END_COLOUR)
@@ -79,5 +73,9 @@ def _lay_over(axes: Axes, surface: PositionDensity, colour: str) -> None:
     pixels[..., :3] = to_rgb(colour)
     pixels[..., 3] = _STRONGEST * values
     axes.imshow(
-        pixels, extent=(0.0, LENGTH, 0.0, WIDTH), interpolation="bilinear", zorder=2, aspect="auto"
+        pixels,
+        extent=(0.0, PITCH_LENGTH, 0.0, PITCH_WIDTH),
+        interpolation="bilinear",
+        zorder=2,
+        aspect="auto",
     )

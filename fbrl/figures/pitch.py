@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fbrl.checks.extras import MissingExtraError, missing_packages
 from fbrl.density.assist import AssistDensity
-from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
+from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, PITCH_LENGTH, PITCH_WIDTH
 from fbrl.density.passes import Pass
 from fbrl.density.position import PositionDensity
 
@@ -116,9 +116,8 @@ def _pitches(
     from matplotlib.figure import Figure
     from mplsoccer import Pitch
 
-    length, width = METRES_PER_UNIT[0] * 2 * HALF_LENGTH, METRES_PER_UNIT[1] * 2 * HALF_WIDTH
     across = {1: 9.0, 2: 7.0, 3: 5.2}[count]
-    size = (across * count, across * width / length + 0.9)
+    size = (across * count, across * PITCH_WIDTH / PITCH_LENGTH + 0.9)
     # Apart from pyplot, which would keep every figure and may want a screen.
     figure = Figure(figsize=size, layout="constrained")
     axes = list(np.atleast_1d(figure.subplots(1, count)))
@@ -129,7 +128,7 @@ def _pitches(
     )  # fmt: skip
     for ax in axes:
         pitch.draw(ax=ax)
-        ax.set_aspect((width / 80.0) / (length / 120.0))
+        ax.set_aspect((PITCH_WIDTH / 80.0) / (PITCH_LENGTH / 120.0))
         _show_attack(ax)
     return figure, axes
 
@@ -154,10 +153,7 @@ def _paint(figure: Figure, axes: Axes, surface: PositionDensity, title: str) -> 
 
 
 def _paint_share(figure: Figure, axes: Axes, positions: NDArray[np.float64], title: str) -> None:
-    cells = [
-        round(2 * HALF_LENGTH * METRES_PER_UNIT[0] / _CELL_METRES),
-        round(2 * HALF_WIDTH * METRES_PER_UNIT[1] / _CELL_METRES),
-    ]
+    cells = [round(PITCH_LENGTH / _CELL_METRES), round(PITCH_WIDTH / _CELL_METRES)]
     counts, _, _ = np.histogram2d(
         positions[:, 0],
         positions[:, 1],

@@ -1,13 +1,18 @@
-"""Reads CSV tables as people have them: from spreadsheets, R, pandas, or written by hand."""
+"""Reads CSV tables as people have them, from spreadsheets, R or pandas, and writes our own."""
 
 from __future__ import annotations
 
 import csv
+import io
 import math
 import os
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from fbrl.files.atomic_write import atomic_write
 
 _MISSING = frozenset({"", "na", "nan", "n/a", "#n/a", "<na>", "null", "none"})
 """What these programs write where there is no value, in lower case."""
@@ -76,6 +81,20 @@ def read_csv_table(path: str | os.PathLike[str]) -> CsvTable:
         for _, values in numbered
     ]
     return CsvTable(named, rows, [line for line, _ in numbered])
+
+
+def write_csv_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Writes rows in one piece: a column for each name that any of them has.
+
+    Raises:
+        OSError: the file can't be written.
+    """
+    text = io.StringIO(newline="")
+    table = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)))
+    table.writeheader()
+    table.writerows(rows)
+    with atomic_write(path) as file:
+        file.write(text.getvalue().encode())
 
 
 def _text(value: str) -> str:

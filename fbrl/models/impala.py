@@ -35,10 +35,11 @@ class ImpalaCNN(nn.Module):
     The input is either minimap cells (int16, ``(*batch, num_frames, 24)``), which are drawn as
     planes on a GPU and convolved without them on a CPU, or those planes (uint8, ``(*batch,
     4 * num_frames, 72, 96)``), for which the output is the same; or pictures of any size (uint8,
-    ``(*batch, channels, height, width)``).
+    ``(*batch, 3, height, width)``).
 
     Args:
-        observation_shape: of what is read, cells (frames, 24) or (channels, height, width).
+        observation_shape: of what is read, cells (frames, 24), planes (4 * frames, 72, 96)
+            or a picture (3, height, width).
         num_features: size of the output.
         device: where the parameters live.
 
@@ -61,6 +62,9 @@ class ImpalaCNN(nn.Module):
     ) -> None:
         super().__init__()
         self.plane_shape = _plane_shape(tuple(observation_shape))
+        # Of the mini maps that such planes are drawn from; pictures are drawn from none.
+        num_frames, without = divmod(self.plane_shape[0], len(SMM_LAYERS))
+        self.cell_shape = None if without else (num_frames, CELLS_PER_FRAME)
         self.num_features = num_features = check_count("num_features", num_features)
         num_planes, height, width = self.plane_shape
         channels = [num_planes, 16, 32, 32, 32]
@@ -93,7 +97,7 @@ class ImpalaCNN(nn.Module):
     ) -> tuple[torch.Tensor, torch.Size]:
         """The first convolution and pooling, and the batch shape of the observation."""
         shape, dtype = observation.shape, conv.weight.dtype
-        if observation.dtype == torch.int16 and _reads_cells(self.plane_shape, shape[-2:]):
+        if observation.dtype == torch.int16 and shape[-2:] == self.cell_shape:
             cells = observation.reshape(-1, *shape[-2:])
             if cells.device.type == "cpu" and conv.bias is not None:
                 return convolve_and_pool_cells(cells, conv.weight, conv.bias), shape[:-2]
@@ -157,24 +161,20 @@ def max_pool_same(x: torch.Tensor) -> torch.Tensor:
 
 def _plane_shape(shape: tuple[int, ...]) -> tuple[int, int, int]:
     """Planes, height and width of an observation."""
+    layers = len(SMM_LAYERS)
     if len(shape) == 2 and shape[1] == CELLS_PER_FRAME:
-        frames = check_count("observation_shape[0]", shape[0])
-        return frames * len(SMM_LAYERS), SMM_HEIGHT, SMM_WIDTH
+        return check_count("observation_shape[0]", shape[0]) * layers, SMM_HEIGHT, SMM_WIDTH
     if len(shape) == 3:
         planes, height, width = (
             check_count(f"observation_shape[{axis}]", size) for axis, size in enumerate(shape)
         )
-        return planes, height, width
+        if planes == 3 or (not planes % layers and (height, width) == (SMM_HEIGHT, SMM_WIDTH)):
+            return planes, height, width
     raise ValueError(
-        f"The observation has shape {shape}; the network impala reads cells of shape (frames, "
-        f"{CELLS_PER_FRAME}) or pictures of shape (channels, height, width)."
+        f"The observation has shape {shape}; the network impala reads pictures of shape (3, "
+        f"height, width), cells of shape (frames, {CELLS_PER_FRAME}) or planes of shape ({layers} "
+        f"* frames, {SMM_HEIGHT}, {SMM_WIDTH})."
     )
-
-
-def _reads_cells(planes: tuple[int, int, int], cells: Sequence[int]) -> bool:
-    """Whether the planes of these cells have this shape."""
-    frames = cells[0] if len(cells) == 2 and cells[1] == CELLS_PER_FRAME else 0
-    return frames > 0 and planes == (frames * len(SMM_LAYERS), SMM_HEIGHT, SMM_WIDTH)
 
 
 def _initialise(module: nn.Module) -> None:

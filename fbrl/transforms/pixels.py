@@ -10,7 +10,7 @@ from tensordict import NestedKey
 from torch import Tensor
 
 from fbrl.checks.counts import check_count
-from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
+from fbrl.density.coordinates import METRES_PER_UNIT, PITCH_LENGTH, PITCH_WIDTH
 from fbrl.transforms.raw_observation import RawObservationTransform
 
 __all__ = ["Pixels"]
@@ -24,7 +24,6 @@ TRAIL_STEPS = 10
 SMALLEST_SIDE, LARGEST_SIDE = 24, 1024
 """Of the pictures, pixels."""
 
-_LENGTH, _WIDTH = 2 * HALF_LENGTH * METRES_PER_UNIT[0], 2 * HALF_WIDTH * METRES_PER_UNIT[1]
 _PLAYER_RADIUS, _BALL_RADIUS, _BALL_GROWTH = 1.15, 0.62, 0.07
 _HIGHEST = 10.0
 
@@ -120,8 +119,9 @@ class Pixels(RawObservationTransform):
         picture = _Picture(batch.numel(), self.height, self.width, active.device)
         left, right = left_team.reshape(-1, 11, 2), right_team.reshape(-1, 11, 2)
         ball = ball.reshape(-1, 1, 3)
-        left_plays, right_plays = left_team_active.eq(1), right_team_active.eq(1)
-        left_plays, right_plays = left_plays.reshape(-1, 11), right_plays.reshape(-1, 11)
+        left_plays, right_plays = (
+            plays.reshape(-1, 11) == 1 for plays in (left_team_active, right_team_active)
+        )
         ball_plays = torch.ones_like(ball[..., 0], dtype=torch.bool)
         is_controlled = torch.arange(11, device=active.device) == active.reshape(-1, 1)
 
@@ -211,7 +211,7 @@ def _palette(device: torch.device) -> tuple[Tensor, ...]:
 @lru_cache
 def _grid(height: int, width: int, device: torch.device) -> tuple[Tensor, Tensor, float]:
     """Pixels in a pitch unit and the middle's pixel, float64 (2,) each; pixels in a metre."""
-    per_metre = width / (_LENGTH + 2 * MARGIN), height / (_WIDTH + 2 * MARGIN)
+    per_metre = width / (PITCH_LENGTH + 2 * MARGIN), height / (PITCH_WIDTH + 2 * MARGIN)
     per_unit = [pixels * unit for pixels, unit in zip(per_metre, METRES_PER_UNIT, strict=True)]
     middle = [(width - 1) / 2, (height - 1) / 2]
     scale_and_middle = torch.tensor([per_unit, middle], dtype=torch.float64, device=device)
@@ -228,7 +228,7 @@ def _offsets(reach: int, device: torch.device) -> Tensor:
 @lru_cache
 def _empty_pitch(height: int, width: int, device: torch.device) -> Tensor:
     """Grass and lines, uint8 (height, width) of palette numbers."""
-    x_step, y_step = (_LENGTH + 2 * MARGIN) / width, (_WIDTH + 2 * MARGIN) / height
+    x_step, y_step = (PITCH_LENGTH + 2 * MARGIN) / width, (PITCH_WIDTH + 2 * MARGIN) / height
     columns, rows = (
         torch.arange(size, dtype=torch.float64, device=device) for size in (width, height)
     )
@@ -241,7 +241,7 @@ def _empty_pitch(height: int, width: int, device: torch.device) -> Tensor:
         along = ((y - half_width).abs() <= y_step / 2) & (x >= inner) & (x <= outer)
         return (at_ends & (y <= half_width)) | along
 
-    half_length, half_width = _LENGTH / 2, _WIDTH / 2
+    half_length, half_width = PITCH_LENGTH / 2, PITCH_WIDTH / 2
     thickness = max(x_step, y_step)
     circle = ((x.square() + y.square()).sqrt() - 9.15).abs() <= thickness / 2
     is_line = rectangle(0.0, half_length, half_width) | circle
