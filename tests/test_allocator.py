@@ -46,7 +46,7 @@ def run(script: Path, *arguments: str, options: tuple[str, ...] = (), **variable
         text=True,
         env=environment(**variables),
     )
-    *starts, report = process.communicate(timeout=60)[0].splitlines()
+    *starts, report = process.communicate(timeout=300)[0].splitlines()
     assert process.returncode == 7
     report = json.loads(report)
     assert report["pid"] == process.pid

@@ -171,7 +171,7 @@ print(players)
         env=environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
     )
     assert done.stdout == "[3, 2]\n", done.stderr
 

@@ -386,7 +386,7 @@ def test_the_command_that_an_interrupted_run_prints_goes_on(tmp_path, run_main, 
     assert "The run directory run is in use: another process is training there" in second.err
     process.send_signal(signal.SIGTERM)
     process.send_signal(signal.SIGCONT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=300)
     assert process.returncode == 130
     assert len(table(run_dir, "metrics.csv")) < 20
     (command,) = re.findall(r"Go on with: (.*)$", errors, re.MULTILINE)

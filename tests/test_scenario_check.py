@@ -123,7 +123,7 @@ def test_a_command_answers_such_a_file_with_one_line(own_scenarios, tmp_path):
             env=environment,
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=300,
             check=False,
         )
         assert (done.returncode, done.stdout) == (2, "")

@@ -90,7 +90,7 @@ def get_json(address, path, body=None, **query):
     data = None if body is None else json.dumps(body).encode()
     url = f"{address}{path}?{urllib.parse.urlencode(query)}"
     request = urllib.request.Request(url, data, {"Content-Type": "application/json"})
-    with urllib.request.urlopen(request, timeout=60) as response:
+    with urllib.request.urlopen(request, timeout=300) as response:
         return json.load(response)
 
 
@@ -126,7 +126,7 @@ def test_it_serves_pictures_that_a_browser_shows(name, kind, address):
     images = get_json(address, "data/plugin/images/images", run=".", tag=name, sample=0)
     assert [image["step"] for image in images] == [512, 1024]
     url = f"{address}data/plugin/images/individualImage?{images[-1]['query']}"
-    with urllib.request.urlopen(url, timeout=60) as response:
+    with urllib.request.urlopen(url, timeout=300) as response:
         assert response.headers["Content-Type"] == f"image/{kind}"
 
 

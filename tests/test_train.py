@@ -221,7 +221,7 @@ def test_ctrl_c_saves_and_ends_the_training(tmp_path):
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
+    output, errors = process.communicate(timeout=300)
     assert process.returncode == 130
     assert errors.startswith("fbrl-train: saved and ended with exit code 130. Go on with: ")
     assert errors.endswith("fbrl-train --resume run\n")

@@ -200,6 +200,6 @@ def test_a_process_that_is_to_end_tidies_up_behind_itself(tmp_path):
     process = subprocess.Popen([program, *ENDLESS], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     wait_for_the_video(tmp_path)
     process.send_signal(signal.SIGTERM)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=300)
     assert (process.returncode, errors) == (130, "fbrl-watch: interrupted\n")
     assert list(tmp_path.iterdir()) == []

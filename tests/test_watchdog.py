@@ -90,5 +90,5 @@ def test_a_process_that_was_stopped_does_not_hang():
     process.send_signal(signal.SIGSTOP)
     time.sleep(2.5)
     process.send_signal(signal.SIGCONT)
-    assert process.communicate(timeout=60)[0] == ""
+    assert process.communicate(timeout=300)[0] == ""
     assert process.returncode == 0
