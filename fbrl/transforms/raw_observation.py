@@ -14,7 +14,7 @@ from torchrl.envs import Transform
 
 from fbrl.envs.observation import OBSERVATION_SPACE
 
-__all__ = ["FIELD_SHAPES", "RawObservationTransform", "read_fields"]
+__all__ = ["FIELD_SHAPES", "FLOAT_FIELDS", "RawObservationTransform", "read_fields"]
 
 FIELD_SHAPES: dict[str, tuple[int, ...]] = {
     **{key: space.shape or () for key, space in OBSERVATION_SPACE.items()},
@@ -24,7 +24,8 @@ FIELD_SHAPES: dict[str, tuple[int, ...]] = {
 
 _FLOATS = (torch.float32, torch.float64)
 _INTEGERS = (torch.int64, torch.int32, torch.int16, torch.int8)
-_FLOAT_FIELDS = {key for key, space in OBSERVATION_SPACE.items() if space.dtype == np.float32}
+FLOAT_FIELDS = {key for key, space in OBSERVATION_SPACE.items() if space.dtype == np.float32}
+"""Those that are floating point; the others are integers."""
 
 
 class RawObservationTransform(Transform):
@@ -133,7 +134,7 @@ def read_fields(
             tensor = tensor.squeeze(-1)
         elif shape != FIELD_SHAPES[field]:
             raise ValueError(_wrong_shape(tensordict, tensor, key, field, reader))
-        allowed = _FLOATS if field in _FLOAT_FIELDS else _INTEGERS
+        allowed = _FLOATS if field in FLOAT_FIELDS else _INTEGERS
         if tensor.dtype not in allowed:
             names = " or ".join(str(dtype) for dtype in allowed)
             raise TypeError(

@@ -13,6 +13,7 @@ from torchrl.data import Composite, Unbounded
 
 from fbrl.transforms.ball_control import Observation
 from fbrl.transforms.memory import Memory, memory_before_steps, unbind, where
+from fbrl.transforms.raw_observation import FIELD_SHAPES, FLOAT_FIELDS
 from fbrl.transforms.scoring_reward import ScoringReward
 
 
@@ -28,11 +29,12 @@ class ShapedReward(ScoringReward):
     for it (:meth:`_pay`).
 
     Args:
-        observations: usual names of the observation entries that are read: ``ball``, and integers.
+        observations: usual names of the observation entries that are read: ``ball``, and whatever
+            else of :mod:`fbrl.envs.observation`. Single integers may have any other name, too.
         parts: usual names of the parts besides ``reward_scoring``.
         memory: usual names of the memory's entries.
-        keys: other names for these entries, see :class:`~fbrl.transforms.ScoringReward`. An integer
-            whose key is ``None`` is 0 throughout.
+        keys: other names for these entries, see :class:`~fbrl.transforms.ScoringReward`. A single
+            integer whose key is ``None`` is 0 throughout.
     """
 
     _stored_memory_is_valid = True
@@ -49,7 +51,7 @@ class ShapedReward(ScoringReward):
         memory: Sequence[str],
         keys: Mapping[str, NestedKey | None] | None = None,
     ) -> None:
-        integers = [name for name in observations if name != "ball"]
+        integers = [name for name in observations if not FIELD_SHAPES.get(name)]
         self._set_keys(observations, [*parts, *memory], keys, optional=integers)
         self._observations = tuple(observations)
         self._parts = tuple(parts)
@@ -234,7 +236,7 @@ class ShapedReward(ScoringReward):
                 observation[name] = ball.new_zeros(ball.shape[:-1], dtype=torch.int64)
             elif name != "ball":
                 value = self._get(tensordict, name, where)
-                observation[name] = _as_index(value, ball.shape[:-1], self._keys[name], where)
+                observation[name] = _as_field(name, value, ball.shape[:-1], self._keys[name], where)
         return observation
 
     def _observe_result(self, following: TensorDictBase, where: str) -> Observation:
@@ -299,8 +301,8 @@ class ShapedReward(ScoringReward):
             reached = after[name].narrow(time, 0, pairs)
             left = before[name].narrow(time, 1, pairs)
             same = (reached == left) | ((reached != reached) & (left != left))
-            if name == "ball":
-                same = same.all(-1)
+            if same.ndim > done.ndim:
+                same = same.flatten(done.ndim).all(-1)
             if not bool((same | ended).all()):
                 without, store = self._why_recalled()
                 raise ValueError(
@@ -350,16 +352,20 @@ class ShapedReward(ScoringReward):
         }
 
 
-def _as_index(value: Tensor, shape: torch.Size, key: NestedKey, where: str) -> Tensor:
-    if value.is_floating_point() or value.is_complex() or value.dtype == torch.bool:
+def _as_field(name: str, value: Tensor, shape: torch.Size, key: NestedKey, where: str) -> Tensor:
+    is_float, of_match = name in FLOAT_FIELDS, FIELD_SHAPES.get(name, ())
+    if is_float != value.is_floating_point() or value.is_complex() or value.dtype == torch.bool:
+        expected, method = ("floating point", "float") if is_float else ("an integer", "long")
         raise TypeError(
-            f"{key!r} in {where} is {value.dtype}; expected an integer. Convert it with .long()."
+            f"{key!r} in {where} is {value.dtype}; expected {expected}. Convert it with "
+            f".{method}()."
         )
-    if value.shape == (*shape, 1):
+    if not of_match and value.shape == (*shape, 1):
         value = value.squeeze(-1)
-    elif value.shape != shape:
+    elif value.shape != (*shape, *of_match):
+        other = "" if of_match else f" like the ball, or {(*shape, 1)}"
         raise ValueError(
-            f"{key!r} in {where} has shape {tuple(value.shape)}; expected {tuple(shape)} like the "
-            f"ball, or {(*shape, 1)}."
+            f"{key!r} in {where} has shape {tuple(value.shape)}; expected {(*shape, *of_match)}"
+            f"{other}."
         )
-    return value.long()
+    return value if is_float else value.long()
