@@ -61,6 +61,9 @@ class AnalyticsOptions(DensityOptions):
     episode_cap: float | None = None
     """What the densities can pay in one match at most, in goals; by default there is no limit."""
 
+    release_at_goal: bool = False
+    """Withhold what the densities earn until the own team scores; without a goal it is lost."""
+
     def check(self) -> None:
         """Raises :class:`ConfigError` for a value out of range."""
         cap = self.episode_cap

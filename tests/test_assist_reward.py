@@ -646,6 +646,41 @@ def capped_by_hand(data: TensorDictBase, cap: float) -> dict[str, torch.Tensor]:
     return {part: torch.tensor(values).reshape(shape) for part, values in parts.items()}
 
 
+class TestReleaseAtGoal:
+    def reward(self, **options: Any) -> AssistDensityReward:
+        return AssistDensityReward(**{"weight": 100.0, "release_at_goal": True, **options})
+
+    @pytest.mark.parametrize("cap", [None, 0.5])
+    @given(played=st.lists(episodes(), min_size=1, max_size=4))
+    @settings(deadline=None, max_examples=25)
+    def test_a_goal_pays_what_was_earned_since_the_goal_before(self, played, cap):
+        at_once = self.reward(episode_cap=cap, release_at_goal=False)(stored_trajectory(played))
+        released = self.reward(episode_cap=cap)(stored_trajectory(played))
+        for earned, paid in zip(episodes_of(at_once), episodes_of(released), strict=True):
+            scored = earned["next", "reward_scoring"].flatten() > 0
+            for part in ("reward_start_density", "reward_end_density"):
+                withheld, expected = 0.0, []
+                for value, goal in zip(earned["next", part].flatten(), scored, strict=True):
+                    withheld += value.item()
+                    expected.append(withheld if goal else 0.0)
+                    withheld = 0.0 if goal else withheld
+                torch.testing.assert_close(
+                    paid["next", part].flatten(), torch.tensor(expected), atol=1e-6, rtol=1e-5
+                )
+
+    def test_in_an_environment_as_on_stored_data(self):
+        env = TransformedEnv(ScriptedMatches(), self.reward())
+        check_env_specs(env, break_when_any_done="both")
+        data = env.rollout(80, break_when_any_done=False)
+        shaped = data["next", "reward"] != data["next", "reward_scoring"]
+        assert shaped.any(), "nothing released"
+        assert (data["next", "reward_scoring"][shaped] > 0).all()
+        stored = as_recorded_without(data).exclude("density_withheld", ("next", "density_withheld"))
+        once = self.reward()(stored)
+        assert (once == data).all()
+        assert (self.reward()(once.clone()) == data).all()
+
+
 class TestEpisodeCap:
     CAP = 0.01
 

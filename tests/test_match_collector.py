@@ -36,7 +36,7 @@ def collect(collector, num_batches):
         ("checkpoints", "minimap"),
         ("scoring", "smm"),
         (AssistDensityPotential(gamma=0.9), "simple115"),
-        (AssistDensityReward(episode_cap=0.005), "simple115"),
+        (AssistDensityReward(episode_cap=0.005, release_at_goal=True), "simple115"),
     ],
 )
 def test_a_batch_has_the_numbers_of_single_steps(reward, observation):

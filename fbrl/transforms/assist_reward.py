@@ -70,8 +70,9 @@ class AssistDensityReward(ShapedReward):
         0.134 discounted (gamma 0.993), and a pass back and forth every 20 steps 0.76 goals. Judge
         agents by goals, not by this return. Answers to it: a small ``weight``; an ``episode_cap``,
         after which only goals pay (what is left of it is not observed, so that the critic can't
-        know when it ends); and :class:`~fbrl.transforms.AssistDensityPotential`, which pays as much
-        back as it pays out and so leaves the best policy as it is.
+        know when it ends); ``release_at_goal``; and
+        :class:`~fbrl.transforms.AssistDensityPotential`, which pays as much back as it pays out and
+        so leaves the best policy as it is.
 
     Args:
         density: the densities, the path of a file that holds them, or a name that
@@ -86,6 +87,10 @@ class AssistDensityReward(ShapedReward):
             paid in part, in equal shares, and later ones not at all; scoring is never touched. The
             sum so far is then an entry ``density_paid`` (...) float32, at the root and under
             ``"next"``, and only whole trajectories can be relabelled.
+        release_at_goal: withhold what the densities earn until the own team scores, and pay it
+            then; without a goal it is lost. So nothing is earned by what leads to no goal. What is
+            withheld is an entry ``density_withheld`` (..., 2) float32, of the start and of the end
+            density, and only whole trajectories can be relabelled.
         keys: other names for the entries above, by their usual name; ``None`` for an integer that
             the environment lacks, which is then 0. With all of them ``None`` a single player has
             the ball all the time.
@@ -133,6 +138,7 @@ class AssistDensityReward(ShapedReward):
         start_weight: float = 1.0,
         end_weight: float = 1.0,
         episode_cap: float | None = None,
+        release_at_goal: bool = False,
         keys: Mapping[str, NestedKey | None] | None = None,
     ) -> None:
         if transition not in get_args(Transition):
@@ -143,7 +149,11 @@ class AssistDensityReward(ShapedReward):
         super().__init__(
             observations=("ball", "ball_owned_team", "ball_owned_player", "active", "game_mode"),
             parts=("reward_start_density", "reward_end_density"),
-            memory=(carrier,) if episode_cap is None else (carrier, "density_paid"),
+            memory=(
+                carrier,
+                *(() if episode_cap is None else ("density_paid",)),
+                *(("density_withheld",) if release_at_goal else ()),
+            ),
             keys=keys,
         )
         self.density = density_from(density)
@@ -152,9 +162,10 @@ class AssistDensityReward(ShapedReward):
         self.start_weight = weight * check_number("start_weight", start_weight)
         self.end_weight = weight * check_number("end_weight", end_weight)
         self.episode_cap = None if episode_cap is None else check_number("episode_cap", episode_cap)
+        self.release_at_goal = release_at_goal
         self._carrier = carrier
         # What was paid by another density, weight or cap tells nothing about this one.
-        self._stored_memory_is_valid = episode_cap is None
+        self._stored_memory_is_valid = episode_cap is None and not release_at_goal
 
     def _first_memory(self, observation: Observation) -> Memory:
         active = observation["active"]
@@ -162,6 +173,8 @@ class AssistDensityReward(ShapedReward):
         first = self._remember({self._carrier: nobody}, observation, nobody)
         if self.episode_cap is not None:
             first["density_paid"] = torch.zeros_like(active, dtype=torch.float32)
+        if self.release_at_goal:
+            first["density_withheld"] = active.new_zeros(*active.shape, 2, dtype=torch.float32)
         return first
 
     def _remember(self, memory: Memory, observation: Observation, scoring: Tensor) -> Memory:
@@ -174,7 +187,7 @@ class AssistDensityReward(ShapedReward):
     def _memory_before(
         self, first: Memory, observation: Observation, scoring: Tensor, done: Tensor, time: int
     ) -> Memory:
-        if self.episode_cap is not None:
+        if not self._stored_memory_is_valid:
             return super()._memory_before(first, observation, scoring, done, time)
         active, lost = observation["active"], ball_lost(observation)
         value, changes = torch.where(lost, NOBODY, active), in_control(observation) | lost
@@ -187,14 +200,19 @@ class AssistDensityReward(ShapedReward):
         self, memory: Memory, observation: Observation, scoring: Tensor
     ) -> tuple[Memory, tuple[Tensor, ...]]:
         remembered, parts = super()._advance(memory, observation, scoring)
-        if self.episode_cap is None:
-            return remembered, parts
-        due, paid = parts[0] + parts[1], memory["density_paid"]
-        granted = torch.minimum(due, (self.episode_cap - paid).clamp_min(0))
-        remembered["density_paid"] = (paid + granted).to(paid.dtype)
-        # Exactly 1 while the cap is far, so that nothing is changed then.
-        share = granted / due.clamp_min(torch.finfo(due.dtype).tiny)
-        return remembered, tuple(part * share for part in parts)
+        if self.episode_cap is not None:
+            due, paid = parts[0] + parts[1], memory["density_paid"]
+            granted = torch.minimum(due, (self.episode_cap - paid).clamp_min(0))
+            remembered["density_paid"] = (paid + granted).to(paid.dtype)
+            # Exactly 1 while the cap is far, so that nothing is changed then.
+            share = granted / due.clamp_min(torch.finfo(due.dtype).tiny)
+            parts = tuple(part * share for part in parts)
+        if self.release_at_goal:
+            earned = memory["density_withheld"] + torch.stack(parts, -1)
+            released = earned * (scoring > 0).unsqueeze(-1)
+            remembered["density_withheld"] = (earned - released).to(torch.float32)
+            parts = released.unbind(-1)
+        return remembered, parts
 
     def _recall(
         self,
@@ -203,7 +221,7 @@ class AssistDensityReward(ShapedReward):
         observation: Observation,
         scoring: Tensor,
     ) -> Memory:
-        if self.transition == "consecutive" and self.episode_cap is None:
+        if self.transition == "consecutive" and self._stored_memory_is_valid:
             # The root observation alone tells it, in whatever order the steps are.
             return self._first_memory(self._observe(tensordict, "the root"))
         return super()._recall(tensordict, following, observation, scoring)
