@@ -120,6 +120,7 @@ def test_a_configuration_survives_its_file(tmp_path):
         "start_weight": 1.0,
         "end_weight": 1.0,
         "episode_cap": None,
+        "release_at_goal": False,
     }, "what is not given stands in the file, too"
 
 
