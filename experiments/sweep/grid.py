@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,14 +49,15 @@ class Point:
         Raises:
             ConfigError: The training that is there is another one than the grid asks for.
         """
-        from fbrl.checkpoint import CheckpointError, load_checkpoint
-        from fbrl.training.training_state import check_resumable
+        from fbrl.checkpoint import CheckpointError
+        from fbrl.training.saved_training import SavedTraining
 
         if not self.has_begun():
             return False
         try:
-            state = load_checkpoint(self.run_dir)
-            check_resumable(state, self.config)
+            return SavedTraining.load(self.run_dir, self.config, warnings.warn).is_finished(
+                self.config
+            )
         except CheckpointError:
             return False
         except ConfigError as error:
@@ -63,8 +65,6 @@ class Point:
                 f"In {self.run_dir} is another training than the grid asks for: {error} Choose "
                 "another directory for the runs, or remove this one."
             ) from error
-        is_evaluated = not self.config.eval_episodes or state["evaluated_at"] == state["frames"]
-        return bool(state["frames"] >= self.config.ppo.total_frames and is_evaluated)
 
     def frames_done(self) -> int:
         """Frames that it has learned from, as far as its log says."""

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from fbrl.agent import load_agent
 from fbrl.assembly import keep_density, make_collector, make_model, make_training_reward
-from fbrl.checkpoint import load_checkpoint
 from fbrl.collect.ray_cluster import connected_to_ray, workers_and_cpus
 from fbrl.collect.watchdog import Watchdog
 from fbrl.config import ConfigError, TrainConfig
@@ -29,8 +26,9 @@ from fbrl.training.interrupt import Interrupt
 from fbrl.training.listener import TrainListener, TrainResult
 from fbrl.training.run_checkpoints import RunCheckpoints
 from fbrl.training.run_dir import RunDirLock, existing_run_dir, make_run_dir, remove_false_start
+from fbrl.training.saved_training import SavedTraining
 from fbrl.training.training_loop import TrainingLoop
-from fbrl.training.training_state import TrainingState, check_resumable, crashes_before, has_matches
+from fbrl.training.training_state import TrainingState
 
 
 def train(
@@ -77,30 +75,34 @@ def train(
         run_dir = existing_run_dir(config) if resume else make_run_dir(config)
         config = dataclasses.replace(config, run_dir=run_dir)
         lock = stack.enter_context(contextlib.closing(RunDirLock(run_dir)))
-        checkpoint = crash = None
+        saved = crash = None
         if resume:
-            checkpoint = load_checkpoint(run_dir, on_warning=listener.on_warning)
-            check_resumable(checkpoint, config)
-            crash = set_crash_report_aside(run_dir, crashes_before(checkpoint) + 1)
+            saved = SavedTraining.load(run_dir, config, listener.on_warning)
+            crash = set_crash_report_aside(run_dir, saved.crashes + 1)
         else:
             remove_false_start(run_dir)
         save_config(config, run_dir / CONFIG_NAME)
         keep_density(reward, run_dir)
         crash_report = stack.enter_context(CrashReport(run_dir))
-        frames = checkpoint["frames"] if checkpoint else None
+        frames = saved.frames if saved else None
         listener.on_start(run_dir, device, frames or 0)
-        if checkpoint:
-            _tell_what_does_not_go_on(checkpoint, crash, config, listener)
+        if saved:
+            _tell_what_does_not_go_on(saved, crash, config, listener)
         policy = model.get_collection_policy()
         collector = make_collector(config, policy, reward, listener.on_warning)
         stack.enter_context(contextlib.closing(collector))
-        crashes = crashes_before(checkpoint) + (crash is not None) if checkpoint else 0
+        crashes = saved.crashes + (crash is not None) if saved else 0
         evaluator = Evaluator(config, reward, listener.on_warning, crashes)
         stack.enter_context(contextlib.closing(evaluator))
         interrupt = stack.enter_context(Interrupt(listener.on_postponed))
         ppo = PPO(collector, model, config.ppo)
         monitor = Monitor(
-            run_dir, config, reward.part_names, listener.on_warning, checkpoint, config.logger
+            run_dir,
+            config,
+            reward.part_names,
+            listener.on_warning,
+            saved.state if saved else None,
+            config.logger,
         )
         stack.enter_context(contextlib.closing(monitor))
         state = TrainingState(config, ppo, monitor)
@@ -113,8 +115,8 @@ def train(
         stack.enter_context(Watchdog(config.hang_timeout, loop.end_hung))
         # While it watches: a batch that is collected ahead may hang at the end, too.
         stack.callback(collector.wait)
-        if checkpoint:
-            state.load_state_dict(checkpoint, after_crash=crash is not None)
+        if saved:
+            state.go_on(saved, after_crash=crash is not None)
         state.begin_batch()
         # From the start there is something to go on from; a damaged one is replaced, not kept.
         checkpoints.save_first()
@@ -140,14 +142,14 @@ def _take_weights(model: ActorCritic, config: TrainConfig, path: str) -> None:
 
 
 def _tell_what_does_not_go_on(
-    checkpoint: Mapping[str, Any], crash: Path | None, config: TrainConfig, listener: TrainListener
+    saved: SavedTraining, crash: Path | None, config: TrainConfig, listener: TrainListener
 ) -> None:
     if crash:
         listener.on_warning(
             f"The training had crashed, see {crash}. It goes on from its last checkpoint with "
             "other matches and random numbers, so as not to end in the same crash."
         )
-    if config.collector == "ray" or not has_matches(checkpoint):
+    if config.collector == "ray" or not saved.has_matches:
         listener.on_warning(
             "The matches of Ray's workers are in no checkpoint: new ones begin, with the weights, "
             "the optimiser and the counters that were saved."

@@ -10,12 +10,13 @@ import numpy as np
 import torch
 
 from fbrl.checkpoint import CheckpointError
-from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, TrainConfig
-from fbrl.config_json import config_from_dict, config_to_dict
+from fbrl.config import TrainConfig
+from fbrl.config_json import config_to_dict
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
 from fbrl.run_seeds import seed_after_crashes
+from fbrl.training.saved_training import SavedTraining
 
 
 class TrainingState:
@@ -89,19 +90,23 @@ class TrainingState:
             "best_goal_difference": self.best_goal_difference,
         }
 
-    def load_state_dict(self, state: Mapping[str, Any], *, after_crash: bool = False) -> None:
-        """Goes on from a state; the monitor was given it before.
+    def go_on(self, saved: SavedTraining, *, after_crash: bool = False) -> None:
+        """Goes on from what was saved; the monitor was given it before.
 
         Args:
-            state: What :meth:`state_dict` returned.
+            saved: The training as it was.
             after_crash: Begin other matches, with other random numbers: the same ones would end
                 in the same crash.
 
         Raises:
             CheckpointError: It is not that of such a training.
         """
+        state = saved.state
         try:
-            self._load(state)
+            self.crashes = saved.crashes
+            self.evaluated_at = state["evaluated_at"]
+            self.best_goal_difference = state["best_goal_difference"]
+            self.ppo.load_state_dict(state)
             if after_crash:
                 self.crashes += 1
                 seed = seed_after_crashes(self._config.seed, self.crashes)
@@ -109,36 +114,29 @@ class TrainingState:
                 self._begin_other_matches(seed)
             else:
                 self._load_random_numbers(state)
-                self._load_matches(state)
+                self._load_matches(saved)
         except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             raise CheckpointError(
                 f"The checkpoint is not that of this training ({error!r:.200})."
             ) from error
 
-    def _load(self, state: Mapping[str, Any]) -> None:
-        self.crashes = crashes_before(state)
-        self.evaluated_at = state["evaluated_at"]
-        self.best_goal_difference = state["best_goal_difference"]
-        self.ppo.load_state_dict(state)
-
     def _begin_other_matches(self, seed: int) -> None:
         self.ppo.collector.set_seed(seed)
         self.ppo.collector.reset()
 
-    def _load_matches(self, state: Mapping[str, Any]) -> None:
-        if has_matches(state) and self._config.collector != "ray":
-            # Before there were any, checkpoints had no entry for them.
-            kept = state.get("kept_states", [])
+    def _load_matches(self, saved: SavedTraining) -> None:
+        if saved.has_matches and self._config.collector != "ray":
+            state = saved.state
             self.ppo.collector.load_state_dict(
                 {
                     "matches": [_with_engine(match, _to_bytes) for match in state["matches"]],
-                    "kept_states": [_with_engine(one, _to_bytes) for one in kept],
+                    "kept_states": [_with_engine(one, _to_bytes) for one in state["kept_states"]],
                     "next_step": state["next_step"],
                 }
             )
         else:
             # Those of the training's own seed would be its first ones again.
-            seeds = np.random.SeedSequence([self._config.seed, self.crashes, state["frames"]])
+            seeds = np.random.SeedSequence([self._config.seed, self.crashes, saved.frames])
             self._begin_other_matches(int(seeds.generate_state(1)[0]))
 
     def _load_random_numbers(self, state: Mapping[str, Any]) -> None:
@@ -147,79 +145,6 @@ class TrainingState:
         # On another kind of device the numbers that follow are others in any case.
         if on_gpu is not None and self.ppo.device.type == "cuda":
             torch.cuda.set_rng_state(on_gpu, self.ppo.device)
-
-
-_KINDS: dict[str, Any] = {
-    "config": dict,
-    "frames": int,
-    "model": dict,
-    "optimizer": dict,
-    "next_step": dict,
-    "matches": list,
-    "random_numbers": dict,
-    "monitor": dict,
-    "evaluated_at": int | None,
-    "best_goal_difference": float | None,
-}
-"""What a training goes on from, and what each is."""
-
-
-def has_matches(state: Mapping[str, Any]) -> bool:
-    """Whether a checkpoint has any trace of its matches.
-
-    Those of Ray's workers have none.
-    """
-    return bool(state["matches"] or state["next_step"])
-
-
-def crashes_before(state: Mapping[str, Any]) -> int:
-    """How often the training of a checkpoint had gone on after a crash."""
-    # Before crashes were counted there was no such entry.
-    crashes = state.get("crashes", 0)
-    if not isinstance(crashes, int) or crashes < 0:
-        raise CheckpointError(f"The checkpoint has {crashes!r:.80} as crashes.")
-    return crashes
-
-
-def check_resumable(state: Mapping[str, Any], config: TrainConfig) -> None:
-    """Checks that a training can go on from a checkpoint.
-
-    Args:
-        state: The checkpoint.
-        config: How the training is to go on.
-
-    Raises:
-        CheckpointError: The checkpoint is only good for its policy.
-        ConfigError: The configuration differs in what can't be changed, or the training has gone
-            further than it asks for.
-    """
-    if "matches" not in state:
-        raise CheckpointError(
-            "The checkpoint was written by an older version of fbrl, without the state of the "
-            "matches: it can be evaluated and watched, but no training can go on from it."
-        )
-    for name, kind in _KINDS.items():
-        if name not in state:
-            raise CheckpointError(f"The checkpoint has no {name}: no training can go on from it.")
-        if not isinstance(state[name], kind) or (name == "frames" and state[name] < 0):
-            raise CheckpointError(f"The checkpoint has {state[name]!r:.80} as {name}.")
-    before, now = _flat(config_from_dict(state["config"])), _flat(config)
-    for name in before:
-        if name not in ("run_dir", *CHANGEABLE_ON_RESUME) and before[name] != now[name]:
-            raise ConfigError(
-                f"{name} is {now[name]}, but the training had {before[name]}. When it "
-                f"goes on, only these may change: {', '.join(CHANGEABLE_ON_RESUME)}."
-            )
-    if config.ppo.total_frames < state["frames"]:
-        raise ConfigError(
-            f"total_frames is {config.ppo.total_frames}, but the training has had "
-            f"{state['frames']} frames already."
-        )
-
-
-def _flat(config: TrainConfig) -> dict[str, Any]:
-    values = config_to_dict(config)
-    return values.pop("ppo") | values
 
 
 def _with_engine(state: Mapping[str, Any], convert: Callable[[Any], Any]) -> dict[str, Any]:
