@@ -100,6 +100,7 @@ def evaluate(
     greedy: bool = False,
     device: torch.device | str = "cpu",
     on_progress: Callable[[int], None] | None = None,
+    on_step: Callable[[TensorDictBase, torch.Tensor], None] | None = None,
 ) -> Evaluation:
     """Plays matches to their end.
 
@@ -110,6 +111,7 @@ def evaluate(
         greedy: Take the most probable action instead of sampling.
         device: Where the policy runs.
         on_progress: Called with the number of matches finished so far.
+        on_step: Called with what :func:`play_matches` yields.
 
     Raises:
         ValueError: No match is asked for, or the actions are none.
@@ -119,6 +121,8 @@ def evaluate(
     sums = [key for key in env.reward_keys if isinstance(key, str)]
     figures: list[dict[str, float]] = []
     for following, counted in play_matches(env, policy, episodes, greedy=greedy, device=device):
+        if on_step is not None:
+            on_step(following, counted)
         ended = following.get("done").squeeze(-1) & counted
         figures += [_figures(following[index], sums) for index in ended.nonzero().squeeze(-1)]
         if on_progress is not None:

@@ -9,14 +9,36 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tensordict import TensorDictBase
 
 from fbrl.agent import load_agent
 from fbrl.assembly import make_agent_env
-from fbrl.evaluation.evaluation import play_matches
+from fbrl.evaluation.evaluation import evaluate
 from fbrl.run_seeds import fresh_seed
 from fbrl.transforms.ball_control import in_control
 
-_KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
+POSSESSION_KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
+"""Raw observation keys that :class:`BallPositions` reads."""
+
+
+class BallPositions:
+    """Gathers where the ball is while the controlled player has it.
+
+    To be passed to :func:`fbrl.evaluation.evaluation.evaluate` as ``on_step``, with an environment
+    that keeps :data:`POSSESSION_KEYS`.
+    """
+
+    def __init__(self) -> None:
+        self._positions: list[torch.Tensor] = []
+
+    def __call__(self, following: TensorDictBase, counted: torch.Tensor) -> None:
+        """Takes those of one step of several matches."""
+        has_ball = in_control({key: following[key] for key in POSSESSION_KEYS}) & counted
+        self._positions.append(following["ball"][has_ball, :2])
+
+    def array(self) -> NDArray[np.float64]:
+        """In pitch units, shape (n, 2): one for each step that ends with him having the ball."""
+        return torch.cat(self._positions).double().cpu().numpy()
 
 
 def ball_positions(
@@ -37,15 +59,13 @@ def ball_positions(
         on_progress: called with the number of matches finished so far.
 
     Returns:
-        (n, 2) positions in pitch units, one for each step that ends with the controlled player
-        having the ball.
+        See :meth:`BallPositions.array`.
 
     Raises:
         CheckpointError: there is no checkpoint of fbrl.
         EngineNotInstalledError: gfootball is missing.
     """
-    positions: list[torch.Tensor] = []
-    finished = 0
+    positions = BallPositions()
     with contextlib.ExitStack() as stack:
         stack.enter_context(torch.random.fork_rng(devices=[]))
         agent = load_agent(run)
@@ -53,16 +73,11 @@ def ball_positions(
             agent.config,
             num_envs=min(num_envs, episodes),
             reward="scoring",
-            keep_keys=_KEYS,
+            keep_keys=POSSESSION_KEYS,
             seed=fresh_seed(agent.config, agent.config.scenario, seed),
         )
         stack.callback(env.close)
         torch.manual_seed(seed)
         policy = agent.model.get_collection_policy()
-        for following, counted in play_matches(env, policy, episodes):
-            wanted = in_control({key: following[key] for key in _KEYS}) & counted
-            positions.append(following["ball"][wanted, :2])
-            finished += int((following["done"].squeeze(-1) & counted).sum())
-            if on_progress is not None:
-                on_progress(finished)
-    return torch.cat(positions).double().numpy()
+        evaluate(env, policy, episodes, on_progress=on_progress, on_step=positions)
+    return positions.array()

@@ -9,26 +9,23 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
 from fbrl.assembly import make_agent_env, make_agent_observation
 from fbrl.config import TrainConfig
-from fbrl.evaluation.evaluation import Evaluation, Policy, evaluate
+from fbrl.evaluation.evaluation import Evaluation, evaluate
+from fbrl.evaluation.possession import POSSESSION_KEYS, BallPositions
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.run_seeds import other_seed, seed_after_crashes
 from fbrl.training.pictures import MatchPictures
 from fbrl.transforms import ScoringReward
-from fbrl.transforms.ball_control import in_control
 from fbrl.watch.recording import record_matches
 from fbrl.watch.video import missing_video_packages
 
 NUM_PLACES = 4
 """Fresh matches at a time. An engine takes 70 to 130 MB; the same number on every machine, since
 the matches depend on it."""
-
-_POSSESSION_KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
 
 
 @dataclass(frozen=True)
@@ -101,14 +98,21 @@ class Evaluator:
             on_progress: Called with the number of matches finished so far.
         """
         device = next(model.parameters()).device
-        policy = _PossessionRecorder(model.get_collection_policy())
+        positions = BallPositions()
         started = time.perf_counter()
         with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
             torch.manual_seed(self._seed)
             env = self._make_env()
             env.set_seed(self._seed)
-            evaluation = evaluate(env, policy, episodes, device=device, on_progress=on_progress)
-        images = self._draw(model, policy.positions())
+            evaluation = evaluate(
+                env,
+                model.get_collection_policy(),
+                episodes,
+                device=device,
+                on_progress=on_progress,
+                on_step=positions,
+            )
+        images = self._draw(model, positions.array())
         return EvaluationReport(evaluation, time.perf_counter() - started, images)
 
     def _make_env(self) -> EnvBase:
@@ -118,7 +122,7 @@ class Evaluator:
                 num_envs=min(NUM_PLACES, self._config.ppo.num_envs),
                 reward=self._reward.clone(),
                 num_threads=self._config.num_threads,
-                keep_keys=_POSSESSION_KEYS,
+                keep_keys=POSSESSION_KEYS,
             )
         return self._env
 
@@ -145,20 +149,3 @@ class Evaluator:
                 f"The evaluations go on without pictures ({type(error).__name__}: {error})."
             )
             return {}
-
-
-class _PossessionRecorder:
-    """A policy that keeps where the ball is whenever the controlled player has it."""
-
-    def __init__(self, policy: Policy) -> None:
-        self._policy = policy
-        self._positions: list[torch.Tensor] = []
-
-    def __call__(self, state: TensorDictBase) -> TensorDictBase:
-        has_ball = in_control({key: state[key] for key in _POSSESSION_KEYS})
-        self._positions.append(state["ball"][has_ball, :2])
-        return self._policy(state)
-
-    def positions(self) -> NDArray[np.float64]:
-        """In pitch units, shape (n, 2)."""
-        return torch.cat(self._positions).double().cpu().numpy()
