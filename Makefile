@@ -34,7 +34,8 @@ lint: setup ## Style, format and type checks, and known vulnerabilities of what 
 	$(BIN)/python scripts/audit.py
 
 test: lint ## All checks: lint and the test suite
-	OMP_WAIT_POLICY=PASSIVE $(BIN)/pytest --numprocesses auto --maxprocesses 2 --dist loadfile --durations 10
+	OMP_WAIT_POLICY=PASSIVE $(BIN)/pytest --numprocesses auto --maxprocesses 2 --dist loadfile \
+		--durations 10
 
 docs: setup ## Build the site into build/docs; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -b html docs build/docs

@@ -828,6 +828,7 @@ class TestErrors:
             ({"weight": "1"}, TypeError, "weight is '1'"),
             ({"episode_cap": -1}, ValueError, "episode_cap is -1"),
             ({"episode_cap": True}, TypeError, "episode_cap is True"),
+            ({"release_at_goal": "no"}, TypeError, "release_at_goal is 'no'; expected True or"),
             ({"density": 3}, TypeError, "density is a int.*AssistDensity"),
             ({"density": "nowhere.npz"}, FileNotFoundError, "nowhere.npz"),
             ({"keys": {"bal": "ball"}}, ValueError, r"keys renames \['bal'\].*it knows.*'ball'"),

@@ -7,11 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 
 from fbrl.assembly import make_model
 from fbrl.checkpoint import CheckpointError, save_checkpoint
 from fbrl.config_json import config_to_dict
-from fbrl.evaluation.possession import ball_positions
+from fbrl.evaluation.possession import BallPositions, ball_positions
 from fbrl.figures.positions import read_positions, write_positions
 from fbrl.presets import preset_config
 
@@ -40,6 +41,19 @@ def test_an_agent_starts_with_the_ball_in_front_of_the_empty_goal(checkpoint):
     assert (positions[:2, 0] > 0.7).all()
     assert done == sorted(done)
     assert done[-1] == 4  # two places, two matches in each
+
+
+def test_surplus_matches_are_left_out():
+    positions = BallPositions()
+    states = {
+        "ball": torch.tensor([[0.5, 0.1, 0.0], [0.75, 0.2, 0.0], [0.25, 0.0, 0.0]]),
+        "ball_owned_team": torch.tensor([0, 0, 0]),
+        "ball_owned_player": torch.tensor([4, 4, 3]),
+        "active": torch.tensor([4, 4, 4]),
+    }
+    for counted in ([True, False, True], [False, True, True]):
+        positions(TensorDict(states, batch_size=[3]), torch.tensor(counted))
+    np.testing.assert_allclose(positions.array(), [[0.5, 0.1], [0.75, 0.2]], rtol=1e-6)
 
 
 def test_the_same_seed_gives_the_same_positions_and_leaves_torchs_seed_alone(checkpoint):

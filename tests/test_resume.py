@@ -220,6 +220,8 @@ ODD_CONTENTS = {
     "no means": ({"monitor": {}}, "no means of the last matches"),
     "odd evaluations": ({"evaluated_at": "64"}, "has '64' as evaluated_at"),
     "odd crashes": ({"crashes": "1"}, "has '1' as crashes"),
+    "crashes below 0": ({"crashes": -1}, "has -1 as crashes"),
+    "odd kept states": ({"kept_states": 5}, "has 5 as kept_states"),
 }
 
 

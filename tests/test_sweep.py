@@ -70,7 +70,7 @@ def wait_for_frames(points, process):
                 return point
         time.sleep(0.1)
     process.kill()
-    raise AssertionError("\n".join(process.communicate()))
+    raise AssertionError("\n".join(process.communicate(timeout=60)))
 
 
 @pytest.mark.slow

@@ -2,12 +2,12 @@
 
     cd experiments/learning
     fbrl-train academy_3_vs_1_with_keeper --observation paris:ParisFeatures \
-        --reward paris:ParisReward --network paris:ParisNetwork
+        --reward paris:ParisReward --network paris:ParisNetwork --mask expert
 
 After seungeunrho/football-paris, restated: ``encoder_basic.py``, ``rewarder_basic.py`` and
-``conv1d.py``. Left out are its LSTM, since PPO here learns from single steps, its second head for
-directions, and its own rules for our goal kicks, corners and penalties. What it masks is
-``--mask expert``.
+``conv1d.py``. Left out are its LSTM, since PPO here learns from single steps; the heads, of which
+one is for directions, with a layer of their own; and its rules for our goal kicks, corners and
+penalties. Shots are not available with the ball behind the goal line, where PARIS allows them.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from fbrl.transforms import (
 _MIDDLE_X, _BOX_X, _BOX_Y, _END_Y = 0.2, 0.64, 0.27, 0.42
 _ZONE_PAY = (-2.0, -1.0, 0.0, 2.0, 1.0, 0.0)
 _FAR = 0.03
+_CARDS = ("left_team_yellow_card", "right_team_yellow_card")
 
 _PLAYER, _BALL, _OTHER, _NUM_MATES, _NUM_OPPONENTS = 29, 18, 7, 10, 11
 _SIZES = (_PLAYER, _BALL, _NUM_MATES * _OTHER, _OTHER, _NUM_OPPONENTS * _OTHER, _OTHER)
@@ -58,7 +59,8 @@ class ParisFeatures(RawObservationTransform):
     """What PARIS sees: 29 numbers of the player, 18 of the ball, 7 of each other player.
 
     Writes ``paris``, float32 (..., 208): player, ball, ten team-mates, the nearest of them once
-    more, eleven opponents, the nearest of them once more.
+    more, eleven opponents, the nearest of them once more. Who isn't there, in scenarios with fewer
+    than eleven a side, is told of as the environment pads him, which PARIS never met.
     """
 
     fields = (
@@ -83,7 +85,7 @@ class ParisFeatures(RawObservationTransform):
         self._available = ExpertActionMask()
 
     def compute(self, *fields: Tensor) -> Tensor:
-        """Writes (..., 208) numbers."""
+        """Returns the numbers, float32 (..., 208)."""
         seen = dict(zip(self.fields, fields, strict=True))
         active = seen["active"].long().clamp(min=0)
         numbers = torch.arange(_NUM_MATES, device=active.device)
@@ -163,7 +165,8 @@ def _others(seen: Observation, team: str, chosen: Tensor | None, own_place: Tens
 class ParisReward(ShapedReward):
     """Pay 5 for a goal, 5 for a win at the time limit, for yellow cards, and the ball's zone.
 
-    The zone pays in each step, whoever has the ball.
+    Writes ``reward_goal``, ``reward_win``, ``reward_zone`` and ``reward_card``, float32 (..., 1),
+    under ``"next"``. The zone pays in each step, whoever has the ball, and so can be farmed.
 
     Args:
         goal: What a goal is worth.
@@ -177,19 +180,14 @@ class ParisReward(ShapedReward):
         self, goal: float = 5.0, win: float = 5.0, zone: float = 0.003, card: float = 1.0
     ) -> None:
         super().__init__(
-            observations=(
-                *("ball", "score", "steps_left"),
-                *("left_team_yellow_card", "right_team_yellow_card"),
-            ),
+            observations=("ball", "score", "steps_left", *_CARDS),
             parts=("reward_goal", "reward_win", "reward_zone", "reward_card"),
             memory=("score_difference", "card_difference"),
         )
         self.goal, self.win, self.zone, self.card = goal, win, zone, card
 
     def _first_memory(self, observation: Observation) -> Memory:
-        left, right = (
-            observation[f"{team}_team_yellow_card"].sum(-1) for team in ("left", "right")
-        )
+        left, right = (observation[cards].sum(-1) for cards in _CARDS)
         score = observation["score"]
         return {"score_difference": score[..., 0] - score[..., 1], "card_difference": right - left}
 
@@ -230,19 +228,18 @@ class ParisNetwork(nn.Module):
                 f"ParisFeatures, ({sum(_SIZES)},)."
             )
         self.num_features = num_features
-        self.player, self.ball = _normed(_PLAYER, 64), _normed(_BALL, 64)
-        self.mates, self.opponents = _Team(_NUM_MATES), _Team(_NUM_OPPONENTS)
-        self.nearest_mate, self.nearest_opponent = _normed(_OTHER, 48), _normed(_OTHER, 48)
+        player, ball = _normed(_PLAYER, 64), _normed(_BALL, 64)
+        mates, nearest_mate = _Team(_NUM_MATES), _normed(_OTHER, 48)
+        opponents, nearest_opponent = _Team(_NUM_OPPONENTS), _normed(_OTHER, 48)
+        self.groups = nn.ModuleList(
+            [player, ball, mates, nearest_mate, opponents, nearest_opponent]
+        )
         self.together = _normed(2 * (64 + 96 + 48), num_features)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Maps (..., 208) to (..., num_features)."""
         groups = observation.split(_SIZES, -1)
-        layers = (
-            *(self.player, self.ball, self.mates),
-            *(self.nearest_mate, self.opponents, self.nearest_opponent),
-        )
-        embedded = [layer(group) for layer, group in zip(layers, groups, strict=True)]
+        embedded = [layer(group) for layer, group in zip(self.groups, groups, strict=True)]
         return self.together(torch.cat(embedded, -1)).relu()
 
 

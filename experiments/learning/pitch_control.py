@@ -19,6 +19,7 @@ from torch import Tensor
 
 from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
 from fbrl.transforms import Memory, Observation, RawObservationTransform, ShapedReward
+from fbrl.transforms.ball_control import NOBODY, in_control
 
 _STEPS_PER_SECOND = 10
 _TOP_SPEED = 13.0  # m/s, at which the influence has no width
@@ -28,10 +29,11 @@ _BALL_RADIUS = 4.0  # metres
 def influence(
     players: Tensor, velocities: Tensor, ball_distances: Tensor, points: Tensor
 ) -> Tensor:
-    """How much of each point a player influences: 1 where he is, less further away.
+    """How much of each point a player influences: 1 where he is, up to 4 where he runs to.
 
     A normal density around where he will be in half a second, stretched along his run, narrower
-    the nearer he is to the ball (Fernandez and Bornn 2018, appendix).
+    the nearer he is to the ball, divided by its value where he is (Fernandez and Bornn 2018,
+    appendix).
 
     Args:
         players: (..., players, 2), metres.
@@ -63,7 +65,8 @@ class PitchControl(RawObservationTransform):
     """Draw who controls which part of the pitch.
 
     Writes ``pitch_control``, uint8 (..., 3, height, width) from 0 to 255: how much of a place the
-    own team controls, how much the controlled player influences it, and how near the ball is.
+    own team controls (128: neither does), how much the controlled player influences it, in shares
+    of where he does most, and how near the ball is.
 
     Args:
         height: Of the picture, along the goal lines.
@@ -82,7 +85,7 @@ class PitchControl(RawObservationTransform):
         self.height, self.width = height, width
 
     def compute(self, *fields: Tensor) -> Tensor:
-        """Writes (..., 3, height, width)."""
+        """Returns the picture, uint8 (..., 3, height, width)."""
         seen = dict(zip(self.fields, fields, strict=True))
         metres = torch.tensor(METRES_PER_UNIT, device=seen["ball"].device)
         players, directions, is_there = (
@@ -97,9 +100,10 @@ class PitchControl(RawObservationTransform):
         left, right = each[..., :11, :].sum(-2), each[..., 11:, :].sum(-2)
         index = seen["active"].long().clamp(min=0)[..., None, None]
         own = each.gather(-2, index.expand(*index.shape[:-1], len(points))).squeeze(-2)
+        own = own / own.amax(-1, keepdim=True).clamp(min=1)
         near = (-(points - ball[..., None, :]).square().sum(-1) / (2 * _BALL_RADIUS**2)).exp()
         planes = torch.stack([torch.sigmoid(left - right), own, near], -2)
-        picture = (planes.clamp(0, 1) * 255).round().to(torch.uint8)
+        picture = (planes * 255).round().to(torch.uint8)
         return picture.unflatten(-1, (self.height, self.width))
 
     def _points(self, device: torch.device) -> Tensor:
@@ -118,11 +122,15 @@ class PitchControl(RawObservationTransform):
 class ZoneReward(ShapedReward):
     """Pay for the ball's fifth of the pitch, for having it, and for running forward with it.
 
+    Writes ``reward_zone``, ``reward_possession`` and ``reward_dribbling``, float32 (..., 1), under
+    ``"next"``. Zones and possession pay in each step, and so can be farmed.
+
     Args:
         zone: What a step is worth with the ball in the second fifth from their goal; twice that in
             the last one, as much less than nothing in our second, twice in our last.
         possession: What a step is worth with the ball at the own team, and costs at the other's.
-        dribbling: What ten metres are worth that the controlled player runs forward with it.
+        dribbling: What ten metres are worth that the controlled player runs forward with it, and
+            cost backwards.
     """
 
     def __init__(
@@ -131,16 +139,16 @@ class ZoneReward(ShapedReward):
         super().__init__(
             observations=("ball", "ball_owned_team", "ball_owned_player", "active"),
             parts=("reward_zone", "reward_possession", "reward_dribbling"),
-            memory=("carried_from",),
+            memory=("carrier", "carried_from"),
         )
         self.zone, self.possession, self.dribbling = zone, possession, dribbling
 
     def _first_memory(self, observation: Observation) -> Memory:
-        # Who carries the ball, and from where along the pitch; -1 where nobody does.
-        team, player = observation["ball_owned_team"], observation["ball_owned_player"]
-        carries = (team == 0) & (player == observation["active"])
-        carrier = player.masked_fill(~carries, -1).to(observation["ball"].dtype)
-        return {"carried_from": torch.stack([carrier, observation["ball"][..., 0]], -1)}
+        player = observation["ball_owned_player"]
+        return {
+            "carrier": player.masked_fill(~in_control(observation), NOBODY),
+            "carried_from": observation["ball"][..., 0].clone(),
+        }
 
     def _remember(self, memory: Memory, observation: Observation, scoring: Tensor) -> Memory:
         return self._first_memory(observation)
@@ -150,13 +158,11 @@ class ZoneReward(ShapedReward):
     ) -> tuple[Tensor, ...]:
         x, team = observation["ball"][..., 0], observation["ball_owned_team"]
         fifth = ((x + 1) / 0.4).floor().clamp(0, 4) - 2
-        (before, came_from), (carrier, _) = (
-            entry["carried_from"].unbind(-1) for entry in (memory, remembered)
-        )
-        metres = (x - came_from) * METRES_PER_UNIT[0]
-        runs = (carrier >= 0) & (carrier == before)
+        carrier = remembered["carrier"]
+        runs = (carrier != NOBODY) & (carrier == memory["carrier"])
+        metres = (x - memory["carried_from"]) * METRES_PER_UNIT[0]
         return (
             self.zone * fifth,
             self.possession * ((team == 0).float() - (team == 1).float()),
-            self.dribbling / 10 * metres.clamp(min=0) * runs,
+            self.dribbling / 10 * metres * runs,
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,9 +54,7 @@ class Point:
         if not self.has_begun():
             return False
         try:
-            return SavedTraining.load(self.run_dir, self.config, warnings.warn).is_finished(
-                self.config
-            )
+            return SavedTraining.load(self.run_dir, self.config).is_finished(self.config)
         except CheckpointError:
             return False
         except ConfigError as error:

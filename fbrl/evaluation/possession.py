@@ -37,7 +37,7 @@ class BallPositions:
         self._positions.append(following["ball"][has_ball, :2])
 
     def array(self) -> NDArray[np.float64]:
-        """In pitch units, shape (n, 2): one for each step that ends with him having the ball."""
+        """One for each step after which the controlled player has it, pitch units, (n, 2)."""
         return torch.cat(self._positions).double().cpu().numpy()
 
 

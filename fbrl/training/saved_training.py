@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,14 +44,18 @@ class SavedTraining:
 
     @classmethod
     def load(
-        cls, run_dir: Path, config: TrainConfig, on_warning: Callable[[str], None]
+        cls,
+        run_dir: Path,
+        config: TrainConfig,
+        on_warning: Callable[[str], None] = lambda line: warnings.warn(line, stacklevel=3),
     ) -> SavedTraining:
         """Reads the latest checkpoint of a run.
 
         Args:
             run_dir: The run's directory.
             config: How the training is to go on.
-            on_warning: Called with one line if the checkpoint before had to be taken.
+            on_warning: Called with one line if the checkpoint before had to be taken; by default
+                a Python warning.
 
         Raises:
             CheckpointError: There is none, or it is only good for its policy.

@@ -57,8 +57,9 @@ class AssistDensityReward(ShapedReward):
 
     - ``reward`` (..., 1): the sum of the three parts.
     - ``reward_scoring`` (..., 1): the reward that was read.
-    - ``reward_start_density`` (..., 1) float32: 0 to the start density's peak times its weights.
-    - ``reward_end_density`` (..., 1) float32: 0 to the end density's peak times its weights.
+    - ``reward_start_density`` (..., 1) float32: 0 to the start density's peak times its weights;
+      with ``release_at_goal`` the sum of these since the goal before.
+    - ``reward_end_density`` (..., 1) float32: likewise of the end density.
     - ``last_ball_carrier`` (...) int64: the last controlled player with the ball, -1 for none.
 
     Integers may have a trailing dimension of size 1. A ball outside the pitch, or with a NaN
@@ -85,12 +86,13 @@ class AssistDensityReward(ShapedReward):
         episode_cap: what both densities' rewards of an episode sum up to at most, without
             discount, in goals; at least 0, by default no limit. The step that would exceed it is
             paid in part, in equal shares, and later ones not at all; scoring is never touched. The
-            sum so far is then an entry ``density_paid`` (...) float32, at the root and under
-            ``"next"``, and only whole trajectories can be relabelled.
+            sum so far, of what is withheld too, is then an entry ``density_paid`` (...) float32, at
+            the root and under ``"next"``, and only whole trajectories can be relabelled.
         release_at_goal: withhold what the densities earn until the own team scores, and pay it
-            then; without a goal it is lost. So nothing is earned by what leads to no goal. What is
-            withheld is an entry ``density_withheld`` (..., 2) float32, of the start and of the end
-            density, and only whole trajectories can be relabelled.
+            then; without a goal it is lost. So nothing is earned by what leads to no goal. What a
+            goal would pay is not observed, so that the critic can't know it: it is an entry
+            ``density_withheld`` (..., 2) float32, of the start and of the end density, and only
+            whole trajectories can be relabelled.
         keys: other names for the entries above, by their usual name; ``None`` for an integer that
             the environment lacks, which is then 0. With all of them ``None`` a single player has
             the ball all the time.
@@ -162,6 +164,8 @@ class AssistDensityReward(ShapedReward):
         self.start_weight = weight * check_number("start_weight", start_weight)
         self.end_weight = weight * check_number("end_weight", end_weight)
         self.episode_cap = None if episode_cap is None else check_number("episode_cap", episode_cap)
+        if not isinstance(release_at_goal, bool):
+            raise TypeError(f"release_at_goal is {release_at_goal!r}; expected True or False.")
         self.release_at_goal = release_at_goal
         self._carrier = carrier
         # What was paid by another density, weight or cap tells nothing about this one.

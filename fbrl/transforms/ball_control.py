@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 Observation = dict[str, Tensor]
-"""Observation entries by their usual names; all but positions have the match's leading shape."""
+"""Observation entries by their usual names, each of the match's leading shape and its own."""
 
 NOBODY = -1
 """In the place of a player's index."""

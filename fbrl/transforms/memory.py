@@ -18,7 +18,7 @@ __all__ = [
 ]
 
 Memory = dict[str, Tensor]
-"""What is remembered of an episode, by its usual names; each has the match's leading shape."""
+"""What is remembered of an episode, by its usual names; each begins with the match's shape."""
 
 
 def memory_before_steps(

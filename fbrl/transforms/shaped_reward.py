@@ -174,6 +174,8 @@ class ShapedReward(ScoringReward):
         self._check_shapes(scoring, observation)
         first = self._first_memory(self._observe(batch, "the root"))
         for name, value in first.items():
+            # A copy: what begins may be an entry of the batch as it is.
+            first[name] = value = value.clone()
             value[:, 0] = self._get(start, name, "what the batch began with")
         done = self._get(following, "done", "'next'").reshape(observation["ball"].shape[:-1])
         memory = self._memory_before(first, observation, scoring, done, time=1)
