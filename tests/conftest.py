@@ -58,13 +58,13 @@ def signals_are_not_ignored():
 
 @pytest.fixture
 def run_program(tmp_path):
-    """Runs one of fbrl's commands as a user would, in an empty directory."""
+    """Runs one of fbrl's commands as a user would, by default in an empty directory."""
 
-    def run(*arguments, timeout=300):
+    def run(*arguments, timeout=300, cwd=tmp_path):
         program = Path(sys.executable).with_name(arguments[0])
         return subprocess.run(
             [program, *map(str, arguments[1:])],
-            cwd=tmp_path,
+            cwd=cwd,
             env={**os.environ, "COLUMNS": "200"},
             capture_output=True,
             text=True,

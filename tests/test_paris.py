@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import importlib
-import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -189,23 +187,12 @@ def test_goals_cards_and_a_win_at_the_end_are_paid(paris, stored):
     torch.testing.assert_close(paid["reward"], parts)
 
 
-def test_it_is_trained_from_the_command_line(tmp_path):
+def test_it_is_trained_from_the_command_line(run_program, tmp_path):
     command = (
         "academy_3_vs_1_with_keeper --observation paris:ParisFeatures --reward paris:ParisReward "
         "--network paris:ParisNetwork --reward.zone 0.001 --network.num-features 32 --num-envs 2 "
         "--num-steps 64 --num-minibatches 2 --total-frames 256 --eval-episodes 0 --device cpu"
     )
-    done = subprocess.run(
-        [
-            Path(sys.executable).with_name("fbrl-train"),
-            *command.split(),
-            "--run-dir",
-            tmp_path / "run",
-        ],
-        cwd=FOLDER,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    done = run_program("fbrl-train", *command.split(), "--run-dir", tmp_path / "run", cwd=FOLDER)
     assert done.returncode == 0, done.stderr
     assert "Done after 256 frames" in done.stdout

@@ -17,7 +17,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
+from fbrl.density.coordinates import METRES_PER_UNIT, PITCH_LENGTH, PITCH_WIDTH
 from fbrl.transforms import Memory, Observation, RawObservationTransform, ShapedReward
 from fbrl.transforms.ball_control import NOBODY, in_control
 
@@ -108,13 +108,9 @@ class PitchControl(RawObservationTransform):
 
     def _points(self, device: torch.device) -> Tensor:
         """The middle of each pixel, (height * width, 2), metres."""
-        length, width = METRES_PER_UNIT
         rows, columns = (
-            ((torch.arange(number, device=device) + 0.5) / number * 2 - 1) * half
-            for number, half in (
-                (self.height, HALF_WIDTH * width),
-                (self.width, HALF_LENGTH * length),
-            )
+            ((torch.arange(number, device=device) + 0.5) / number - 0.5) * metres
+            for number, metres in ((self.height, PITCH_WIDTH), (self.width, PITCH_LENGTH))
         )
         return torch.cartesian_prod(rows, columns).flip(-1)
 
