@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rounds import Contestant, run_worker
-from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS, build_scenario
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS, build_scenario, load_gfootball
 from fbrl.envs.matches import Matches
 
 

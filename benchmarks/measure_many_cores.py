@@ -40,7 +40,7 @@ def share_of_sleeping_engines(
     import torch
 
     from fbrl.collect import MatchCollector
-    from fbrl.envs.gfootball_import import load_gfootball
+    from fbrl.envs.engine import load_gfootball
     from fbrl.models.actor_critic import build_actor_critic
 
     torch.manual_seed(seed)

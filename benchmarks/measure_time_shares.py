@@ -81,7 +81,7 @@ def time_shares(
 
     from fbrl.collect import EpisodeBookkeeping, MatchCollector
     from fbrl.device import choose_device
-    from fbrl.envs.gfootball_import import load_gfootball
+    from fbrl.envs.engine import load_gfootball
     from fbrl.models.actor_critic import CollectionPolicy
     from fbrl.monitor import Monitor
     from fbrl.ppo import algorithm

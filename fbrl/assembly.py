@@ -5,8 +5,11 @@ Training, evaluation, watching and Ray's workers all make theirs here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import contextlib
+import functools
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import torch
 from torchrl.envs import Compose, Transform, TransformedEnv
@@ -23,13 +26,20 @@ WORKER_TIMEOUT = 20
 """Seconds without an answer after which a Ray worker that plays matches is replaced."""
 
 
+@contextlib.contextmanager
+def _stating_what_cannot_be_made() -> Iterator[None]:
+    """Makes a :class:`ConfigError` of what a configuration's components refuse."""
+    try:
+        yield
+    except (ValueError, TypeError, OSError) as error:
+        raise ConfigError(str(error)) from error
+
+
 def make_training_reward(config: TrainConfig, run_dir: Path | None = None) -> ScoringReward:
     """The reward that a configuration asks for.
 
-    Args:
-        config: The training.
-        run_dir: The directory of its run. The densities that it keeps, if there are any, are taken
-            instead of those that the configuration names, which may have changed since.
+    The densities that the directory of its run keeps are taken instead of those that the
+    configuration names, which may have changed since.
 
     Raises:
         ConfigError: It can't be made: its density can't be read, say.
@@ -37,35 +47,23 @@ def make_training_reward(config: TrainConfig, run_dir: Path | None = None) -> Sc
     options = dict(config.reward_options)
     if run_dir is not None and (run_dir / DENSITY_NAME).is_file():
         options["density"] = run_dir / DENSITY_NAME
-    try:
+    with _stating_what_cannot_be_made():
         return make_reward(config.reward, gamma=config.ppo.gamma, **options)
-    except (ValueError, TypeError, OSError) as error:
-        raise ConfigError(str(error)) from error
 
 
 def keep_density(reward: ScoringReward, run_dir: Path) -> None:
-    """Keeps the densities of a reward, if it has any, with its run.
-
-    Raises:
-        OSError: They can't be written.
-    """
+    """Keeps the densities of a reward, if it has any, with its run."""
     if reward.density is not None:
         reward.density.save(run_dir / DENSITY_NAME)
 
 
 def make_agent_observation(config: TrainConfig) -> Transform:
-    """What the agent of a configuration looks at, its action mask included.
-
-    Raises:
-        ConfigError: It can't be made.
-    """
-    try:
+    """What the agent of a configuration looks at, its action mask included."""
+    with _stating_what_cannot_be_made():
         observation = make_observation(config.observation, **config.observation_options)
         if config.mask is None:
             return observation
         return Compose(observation, MASKS.make(config.mask, config.mask_options))
-    except (ValueError, TypeError) as error:
-        raise ConfigError(str(error)) from error
 
 
 def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
@@ -74,7 +72,7 @@ def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
     Raises:
         ConfigError: It can't be made, or can't read the observation.
     """
-    try:
+    with _stating_what_cannot_be_made():
         return build_actor_critic(
             make_observation(config.observation, **config.observation_options),
             config.network_name,
@@ -83,38 +81,11 @@ def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
             device=device,
             **config.network_options,
         )
-    except (ValueError, TypeError) as error:
-        raise ConfigError(str(error)) from error
 
 
-def make_agent_env(
-    config: TrainConfig,
-    *,
-    num_envs: int,
-    reward: str | ScoringReward,
-    num_threads: int | None = None,
-    keep_keys: Iterable[str] = (),
-    seed: int | None = None,
-) -> TransformedEnv:
-    """Matches for the agent of a configuration, as :func:`fbrl.envs.make_env` makes them.
-
-    Args:
-        config: How the agent was trained.
-        num_envs: As there.
-        reward: As there.
-        num_threads: As there.
-        keep_keys: As there.
-        seed: As there.
-    """
-    return make_env(
-        config.scenario,
-        num_envs=num_envs,
-        reward=reward,
-        observation=make_agent_observation(config),
-        num_threads=num_threads,
-        keep_keys=keep_keys,
-        seed=seed,
-    )
+def make_agent_env(config: TrainConfig, **options: Any) -> TransformedEnv:
+    """Matches for the agent of a configuration, with the options of :func:`fbrl.envs.make_env`."""
+    return make_env(config.scenario, observation=make_agent_observation(config), **options)
 
 
 def make_collector(
@@ -125,11 +96,7 @@ def make_collector(
 ) -> BatchCollector:
     """Makes what :class:`fbrl.ppo.algorithm.PPO` learns from.
 
-    Args:
-        config: The training.
-        policy: Plays.
-        reward: Labels the batches.
-        on_warning: Called with one line when matches are lost.
+    Where matches are lost, ``on_warning`` is called with one line.
 
     Raises:
         ConfigError: This machine, or the Ray cluster that this process is connected to, has no room
@@ -148,20 +115,18 @@ def make_collector(
             on_restart=on_warning,
         )
 
-    def in_this_process(policy: CollectionPolicy) -> MatchCollector:
-        return MatchCollector(
-            config.scenario,
-            policy,
-            num_envs=config.ppo.num_envs,
-            num_steps=config.ppo.num_steps,
-            reward=reward,
-            observation=make_agent_observation(config),
-            num_threads=config.num_threads,
-            num_groups=config.num_groups,
-            midway_starts=config.midway_starts,
-            seed=config.seed,
-        )
-
+    in_this_process = functools.partial(
+        MatchCollector,
+        config.scenario,
+        num_envs=config.ppo.num_envs,
+        num_steps=config.ppo.num_steps,
+        reward=reward,
+        observation=make_agent_observation(config),
+        num_threads=config.num_threads,
+        num_groups=config.num_groups,
+        midway_starts=config.midway_starts,
+        seed=config.seed,
+    )
     try:
         if config.collect_ahead:
             return AheadCollector(in_this_process, policy)

@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 
 
 def import_gfootball(name: str) -> Any:

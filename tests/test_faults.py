@@ -29,7 +29,7 @@ from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.config_json import config_from_dict
 from fbrl.density import AssistDensity
 from fbrl.envs import FootballVectorEnv
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 from fbrl.envs.matches import Matches
 from fbrl.ppo.algorithm import PPO
 from fbrl.ppo.update import TrainingDivergedError, update
@@ -236,7 +236,7 @@ TRAP = """
 import sys
 from pathlib import Path
 from fbrl.envs import FootballVectorEnv
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 from fbrl.envs import FootballVectorEnv
 
 fault, trap = sys.argv.pop(1), Path("trap")

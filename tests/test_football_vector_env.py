@@ -14,7 +14,7 @@ from torchrl.envs.utils import RandomPolicy, check_env_specs
 
 from fbrl.checks.names import UnknownNameError
 from fbrl.envs import FootballEnv, FootballVectorEnv
-from fbrl.envs.episode_seeds import spread_seed
+from fbrl.envs.arguments import spread_seed
 
 SCENARIO = "academy_3_vs_1_with_keeper"
 # The engine counts from -1 at a reset, so that an episode has one step more than its duration.

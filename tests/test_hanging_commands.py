@@ -16,7 +16,7 @@ pytestmark = [needs_engine, pytest.mark.slow]
 HANGING = """
 import importlib, sys
 from fbrl.cli import playing
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 from fbrl.envs.matches import Matches
 
 program, timeout, *arguments = sys.argv[1:]

@@ -9,7 +9,7 @@ import torch
 
 from fbrl.collect import MatchCollector, RolloutCollector
 from fbrl.envs import OBSERVATION_SPACE, make_env
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 from fbrl.models.actor_critic import build_actor_critic
 from fbrl.transforms import AssistDensityPotential, AssistDensityReward
 

@@ -9,7 +9,7 @@ import torch
 from fbrl.collect import MatchCollector
 from fbrl.config import ConfigError, TrainConfig
 from fbrl.envs import FootballVectorEnv
-from fbrl.envs.midway_starts import KEPT_STATES, MidwayStarts
+from fbrl.envs.matches import KEPT_STATES, MidwayStarts
 from fbrl.models.actor_critic import build_actor_critic
 from fbrl.monitor.recent_matches import RecentMatches
 from fbrl.transforms import ScoringReward

@@ -12,8 +12,7 @@ import pytest
 from torchrl.envs import GymEnv
 
 from fbrl.envs import OBSERVATION_SPACE, make_env
-from fbrl.envs.engine import FIRST_EPISODE, build_scenario
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import FIRST_EPISODE, build_scenario, load_gfootball
 from fbrl.envs.matches import Matches
 
 SCENARIO = "academy_3_vs_1_with_keeper"

@@ -26,7 +26,7 @@ from fbrl.collect.collector import MatchWorkersError
 from fbrl.collect.ray_cluster import connected_to_ray, even_share
 from fbrl.collect.ray_collector import RayMatchCollector
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 from fbrl.envs.matches import Matches
 from fbrl.training.trainer import TrainListener, train
 

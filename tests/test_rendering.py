@@ -30,7 +30,7 @@ import sys
 import gfootball_engine
 import numpy as np
 from fbrl.envs.engine import build_scenario
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 
 action_set = load_gfootball().action_set.action_set_dict["default"]
 backend = [action._backend_action for action in action_set]

@@ -9,9 +9,9 @@ import torch
 from torchrl.envs import GymWrapper, step_mdp
 from torchrl.envs.utils import check_env_specs
 
-import fbrl.envs.torchrl_matches
+import fbrl.envs.factory
 from fbrl.envs import FootballVectorEnv
-from fbrl.envs.torchrl_matches import FootballMatches
+from fbrl.envs.factory import FootballMatches
 
 
 @pytest.fixture
@@ -60,6 +60,6 @@ def test_a_step_leaves_the_one_before_as_it_was(wrapped):
 
 
 def test_documented_examples_run():
-    outcome = doctest.testmod(fbrl.envs.torchrl_matches)
+    outcome = doctest.testmod(fbrl.envs.factory)
     assert outcome.attempted > 0
     assert outcome.failed == 0

@@ -21,7 +21,7 @@ from fbrl.checkpoint import CheckpointError, load_checkpoint
 from fbrl.cli.train_options import parse_training
 from fbrl.collect import MatchCollector
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
-from fbrl.envs.vector_env import FootballVectorEnv
+from fbrl.envs.matches import Matches
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.run_files import CHECKPOINT_NAME
@@ -119,13 +119,13 @@ def test_the_options_of_a_reward_come_from_the_configuration(config):
 
 def test_the_evaluation_plays_other_matches_than_the_training(config, monkeypatch):
     played: dict[int, list[int]] = {}
-    original = FootballVectorEnv._prepare
+    original = Matches.prepare
 
-    def prepare(self, index, episode):
-        original(self, index, episode)
-        played.setdefault(id(self), []).append(episode.engine_seed)
+    def prepare(self, match, seed, episode_number):
+        original(self, match, seed, episode_number)
+        played.setdefault(id(self), []).append(seed)
 
-    monkeypatch.setattr(FootballVectorEnv, "_prepare", prepare)
+    monkeypatch.setattr(Matches, "prepare", prepare)
     train(dataclasses.replace(config, eval_untrained=True, eval_pictures=False))
     training, evaluation = played.values()
     assert min(len(training), len(evaluation)) >= 4

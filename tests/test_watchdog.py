@@ -11,7 +11,7 @@ import time
 import pytest
 
 from fbrl.collect.watchdog import Watchdog
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 from fbrl.envs.matches import Matches
 
 
@@ -71,7 +71,7 @@ def test_a_step_that_fails_is_no_longer_in_hand(matches):
 
 STOPPED = """
 from fbrl.envs.matches import Matches
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 from fbrl.collect.watchdog import Watchdog
 
 matches = Matches("academy_empty_goal", 1, 1, ["ball"])

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from fbrl.cli.errors import FAILED, fail
 from fbrl.collect.watchdog import Watchdog
 from fbrl.config import TrainConfig
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 
 HANG_TIMEOUT: float = TrainConfig.hang_timeout
 """Seconds that a step or a reset of a match may take, as in a training."""

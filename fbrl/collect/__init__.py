@@ -1,8 +1,11 @@
 """How experience is collected: the only place that knows the arrangements there are."""
 
-from fbrl.collect.ahead_collector import AheadCollector
-from fbrl.collect.collector import BatchCollector, RolloutCollector
-from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
+from fbrl.collect.collector import (
+    AheadCollector,
+    BatchCollector,
+    EpisodeBookkeeping,
+    RolloutCollector,
+)
 from fbrl.collect.match_collector import MatchCollector
 
 __all__ = [

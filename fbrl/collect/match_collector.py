@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -14,12 +14,15 @@ from torchrl.envs import Transform, TransformedEnv
 
 from fbrl.checks.counts import check_count
 from fbrl.checks.memory import check_memory
-from fbrl.collect.collector import BatchCollector, inference_threads, torch_threads
-from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
-from fbrl.envs.episode_seeds import check_seed
-from fbrl.envs.factory import as_torchrl, make_observation, make_reward, raw_keys_of
-from fbrl.envs.matches import RESULTS, MatchState, empty_arrays
-from fbrl.envs.midway_starts import MidwayStarts
+from fbrl.collect.collector import (
+    BatchCollector,
+    EpisodeBookkeeping,
+    inference_threads,
+    torch_threads,
+)
+from fbrl.envs.arguments import check_seed
+from fbrl.envs.factory import FootballMatches, make_observation, make_reward, raw_keys_of
+from fbrl.envs.matches import RESULTS, MatchState, MidwayStarts, empty_arrays
 from fbrl.envs.observation import Observation
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.models.actor_critic import CollectionPolicy
@@ -28,51 +31,35 @@ from fbrl.transforms import PlayStatistics, ScoringReward
 _MATCHES_FOR_THREE_GROUPS = 48
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Matches that are stepped together, while the policy looks at those of another group.
+class _Group(NamedTuple):
+    """Matches that are stepped together, while the policy looks at those of another group."""
 
-    Attributes:
-        matches: Their numbers.
-        rows: The same as a slice.
-        views: For each step, and the one after the last, what the policy's observation is made of,
-            and the observation itself: views of the batch, shape (matches,).
-    """
-
-    matches: Sequence[int]
     rows: slice
-    views: Sequence[TensorDict]
+    """Their numbers, and rows in the batch."""
+    views: list[TensorDict]
+    """For each step, and the one after the last, what the policy's observation is made of, and the
+    observation itself: views of the batch, shape (matches,)."""
 
 
 class MatchCollector(BatchCollector):
     """Plays matches in threads of this process and writes what happens where the batch lies.
 
     Between two steps of a match only its observation is computed and its action chosen. Whatever
-    no action depends on, the reward among it, is worked out for the whole batch at its end; a
-    match that ends goes on with the next episode on the thread that stepped it.
+    no action depends on, the reward among it, is worked out for the whole batch at its end.
 
     The matches are in fixed groups, which take turns: while the threads step one of them, the
     policy looks at another. The batch is the same, however many there are, but for the last bits
     of what a network computes for fewer matches at a time.
 
     Args:
-        scenario: As for :func:`fbrl.envs.make_env`, like the next ones.
+        scenario: As for :func:`fbrl.envs.make_env`, like all that is not named here.
         policy: Chooses the actions, on the device where it is.
-        num_envs: Number of matches.
         num_steps: Steps of each match in a batch.
-        reward: Labels the batches.
-        observation: What the policy reads.
-        num_threads: Threads that step the matches.
-        num_groups: Groups that take turns; they are as large as they can be alike. By default two,
-            from 48 matches on three, with which many cores wait least.
+        num_groups: Groups that take turns. By default two, from 48 matches on three, with which
+            many cores wait least.
         midway_starts: Share of the matches that begin in states of earlier ones, see
-            :class:`~fbrl.envs.midway_starts.MidwayStarts`. Batches then have ``begun_midway`` under
+            :class:`~fbrl.envs.matches.MidwayStarts`. Batches then have ``begun_midway`` under
             ``"next"``, bool (num_envs, num_steps).
-        seed: Seeds the matches.
-
-    Raises:
-        ValueError: A name is unknown, or a number out of range.
-        EngineNotInstalledError: gfootball is missing.
 
     Examples:
         >>> from fbrl.models.actor_critic import build_actor_critic
@@ -100,31 +87,27 @@ class MatchCollector(BatchCollector):
         self._num_steps = check_count("num_steps", num_steps)
         if num_groups is not None:
             check_count("num_groups", num_groups)
-        reward_transform = make_reward(reward)
-        transform = make_observation(observation)
-        keys = sorted(raw_keys_of([transform, reward_transform, PlayStatistics()]))
-        self._raw_keys = keys
-        self._bookkeeping = EpisodeBookkeeping(reward_transform)
+        reward = make_reward(reward)
+        self._transform = transform = make_observation(observation)
+        self._raw_keys = keys = sorted(raw_keys_of([transform, reward, PlayStatistics()]))
+        self._bookkeeping = EpisodeBookkeeping(reward)
         self._matches = FootballVectorEnv(scenario, num_envs, num_threads, keys)
+        matches = FootballMatches(self._matches, categorical_action_encoding=True, device="cpu")
         # Kept, since it closes the matches when it goes.
-        self._env = TransformedEnv(as_torchrl(self._matches), transform)
-        self._transform = transform
-        self._observed = {
-            key: spec
-            for key, spec in self._env.observation_spec.items(True, True)
-            if key not in keys
-        }
+        self._env = TransformedEnv(matches, transform)
+        specs = self._env.observation_spec.items(True, True)
+        self._observed = {key: spec for key, spec in specs if key not in keys}
         self._state: TensorDict | None = None
         self._noise: list[Tensor] = []
         self._midway_starts = MidwayStarts(midway_starts) if midway_starts else None
         self._begun_midway = torch.zeros((num_envs, num_steps), dtype=torch.bool)
-        self._lay_out(keys, num_envs, num_groups)
+        self._lay_out(num_envs, num_groups)
         if seed is not None:
             self.set_seed(seed)
 
-    def _lay_out(self, keys: Sequence[str], num_envs: int, num_groups: int | None) -> None:
+    def _lay_out(self, num_envs: int, num_groups: int | None) -> None:
         """Makes the batch, and what writes to each step of it."""
-        steps = self._num_steps
+        steps, keys = self._num_steps, self._raw_keys
         space = self._matches.single_observation_space
 
         def columns(length: int) -> dict[str, Tensor]:
@@ -136,11 +119,9 @@ class MatchCollector(BatchCollector):
             return {key: torch.from_numpy(array) for key, array in arrays.items()} | observed
 
         self._end = columns(1)
-        check_memory(
-            f"A batch of {num_envs} matches (num_envs) and {steps} steps (num_steps)",
-            2 * steps * sum(column.nbytes for column in self._end.values()),
-            "Make one of them smaller.",
-        )
+        what = f"A batch of {num_envs} matches (num_envs) and {steps} steps (num_steps)"
+        size = 2 * steps * sum(column.nbytes for column in self._end.values())
+        check_memory(what, size, "Make one of them smaller.")
         self._root, self._next = columns(steps), columns(steps)
         for name in RESULTS:
             del self._root[name], self._end[name]
@@ -157,22 +138,18 @@ class MatchCollector(BatchCollector):
         self._next_rows.append(rows(self._end, keys, 0))
         num_groups = num_groups or (2 if num_envs < _MATCHES_FOR_THREE_GROUPS else 3)
         shares = torch.arange(num_envs).tensor_split(min(num_groups, num_envs))
-        self._groups = [self._make_group(share.tolist()) for share in shares]
+        self._groups = [self._make_group(int(share[0]), int(share[-1]) + 1) for share in shares]
 
-    def _make_group(self, matches: list[int]) -> _Group:
-        rows = slice(matches[0], matches[-1] + 1)
-        views = [
-            TensorDict(
-                {
-                    **{key: column[rows, step] for key, column in self._root.items()},
-                    "action": self._action[rows, step],
-                },
-                [len(matches)],
-            )
-            for step in range(self._num_steps)
-        ]
-        end = {key: column[rows, 0] for key, column in self._end.items()}
-        return _Group(matches, rows, [*views, TensorDict(end, [len(matches)])])
+    def _make_group(self, first: int, end: int) -> _Group:
+        rows = slice(first, end)
+
+        def view(columns: Mapping[str, Tensor], step: int) -> TensorDict:
+            values = {key: column[rows, step] for key, column in columns.items()}
+            return TensorDict(values, [end - first])
+
+        steps = {**self._root, "action": self._action}
+        views = [view(steps, step) for step in range(self._num_steps)]
+        return _Group(rows, [*views, view(self._end, 0)])
 
     def set_seed(self, seed: int) -> None:
         """See :meth:`BatchCollector.set_seed`."""
@@ -219,7 +196,10 @@ class MatchCollector(BatchCollector):
         self._log_prob[group.rows, step] = log_prob
         self._value[group.rows, step] = value
         return self._matches.send_step(
-            group.matches, action.tolist(), self._rows[step], self._next_rows[step]
+            range(group.rows.start, group.rows.stop),
+            action.tolist(),
+            self._rows[step],
+            self._next_rows[step],
         )
 
     def _look(self, group: _Group, step: int) -> None:
@@ -231,7 +211,7 @@ class MatchCollector(BatchCollector):
             self._begun_midway[group.rows, step] = torch.from_numpy(begun_midway)
         done = np.logical_or(*(flag[group.rows, step] for flag in self._flags))
         if done.any():
-            self._matches.begun_anew(group.matches[i] for i in np.flatnonzero(done).tolist())
+            self._matches.begun_anew((group.rows.start + np.flatnonzero(done)).tolist())
             kept = after.copy().set("_reset", torch.from_numpy(done).unsqueeze(-1))
             self._transform._reset(kept, after)
         columns = self._root if step + 1 < self._num_steps else self._end
@@ -254,17 +234,15 @@ class MatchCollector(BatchCollector):
             self._action.shape,
             device="cpu",
         )
-        end = TensorDict(
-            {key: column[:, 0].clone() for key, column in self._end.items()}, batch.shape[:1]
-        )
+        last = {key: column[:, 0].clone() for key, column in self._end.items()}
+        end = TensorDict(last, batch.shape[:1])
         self._bookkeeping.complete(batch, start, end)
         self._state = end
         if self._midway_starts is not None:
             batch["next", "begun_midway"] = self._begun_midway
             self._midway_starts.keep(self._matches.match_states())
             self._matches.begin_from(self._midway_starts.choose)
-        raw = self._raw_keys
-        return batch.exclude(*raw, *(("next", key) for key in raw))
+        return batch.exclude(*self._raw_keys, *(("next", key) for key in self._raw_keys))
 
     def _observe_last_states(self, done: Tensor) -> None:
         """Writes what would have been observed of the states that steps led to.
@@ -272,11 +250,11 @@ class MatchCollector(BatchCollector):
         Where an episode goes on, it is what the next action was chosen by.
         """
         ends = done.nonzero(as_tuple=True)
-        before = TensorDict(
-            {key: column[ends] for key, column in self._root.items()}, ends[0].shape
+        steps = {**self._root, "action": self._action}
+        before, after = (
+            TensorDict({key: column[ends] for key, column in columns.items()}, ends[0].shape)
+            for columns in (steps, self._next)
         )
-        before.set("action", self._action[ends])
-        after = TensorDict({key: column[ends] for key, column in self._next.items()}, ends[0].shape)
         self._transform._step(before, after)
         for key in self._observed:
             self._next[key][:, :-1] = self._root[key][:, 1:]
@@ -307,8 +285,7 @@ class MatchCollector(BatchCollector):
             begun.set(key, entry)
         self._state = begun
         if self._midway_starts is not None:
-            kept = state["kept_states"]
-            self._midway_starts.keep(MatchState(**entry["match"]) for entry in kept)
+            self._midway_starts.keep(MatchState(**kept["match"]) for kept in state["kept_states"])
             self._matches.begin_from(self._midway_starts.choose)
 
     def _begun(self, observation: Observation) -> TensorDict:
@@ -320,7 +297,7 @@ class MatchCollector(BatchCollector):
         return state
 
     def disturb(self, disturbance: Any) -> None:
-        """Puts something in the place of steps, for measurements: the engine's ``Disturbance``."""
+        """See :meth:`fbrl.envs.FootballVectorEnv.disturb`."""
         self._matches.disturb(disturbance)
 
     def close(self) -> None:

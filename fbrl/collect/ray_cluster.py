@@ -28,9 +28,8 @@ def connected_to_ray(num_cpus: int | None = None) -> Iterator[None]:
     """Connects this process to a Ray cluster, unless it is connected already.
 
     To that of ``RAY_ADDRESS``, else to the one that ``ray start`` has started on this machine.
-    Without either, or with ``RAY_ADDRESS=local``, one of this machine alone is started: without
-    Ray's dashboard, reachable from this machine only, and ended with the context. What workers
-    print is in Ray's logs.
+    Without either, or with ``RAY_ADDRESS=local``, one of this machine alone is started, without
+    Ray's dashboard, and ended with the context. What workers print is in Ray's logs.
 
     Args:
         num_cpus: CPUs of a cluster that is started; by default those of the machine.
@@ -94,15 +93,22 @@ def _connect(num_cpus: int | None) -> None:
 
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     address = os.environ.get(ADDRESS_VARIABLE)
-    if address not in (None, "auto", "local"):
-        _check_reachable(address)
-    try:
-        if address != "local":
+    if address != "local":
+        try:
+            if address not in (None, "auto"):
+                # Asks what Ray asks for minutes.
+                host, _, port = address.rpartition(":")
+                socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
             ray.init(address="auto", **quiet)
             return
-    except ConnectionError as error:
-        if address:
-            raise ConfigError(_unreachable(address, error)) from error
+        except (OSError, ValueError) as error:
+            if address:
+                reason = str(error).splitlines()[0]
+                raise ConfigError(
+                    f"The Ray cluster at {ADDRESS_VARIABLE}={address} can't be reached ({reason})."
+                ) from error
+            if not isinstance(error, ConnectionError):
+                raise
     from ray._private import ray_constants
 
     # As on Windows and macOS, where Ray keeps to the loopback interface. It has no option for it,
@@ -114,26 +120,11 @@ def _connect(num_cpus: int | None) -> None:
         ray_constants.ENABLE_RAY_CLUSTER = True
 
 
-def _check_reachable(address: str) -> None:
-    """Asks what Ray asks for minutes."""
-    host, _, port = address.rpartition(":")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
-    except (OSError, ValueError) as error:
-        raise ConfigError(_unreachable(address, error)) from error
-
-
-def _unreachable(address: str, error: Exception) -> str:
-    reason = str(error).splitlines()[0]
-    return f"The Ray cluster at {ADDRESS_VARIABLE}={address} can't be reached ({reason})."
-
-
 def workers_and_cpus(config: TrainConfig) -> tuple[int, int]:
     """How many workers play the matches of a training, and with how many CPUs each.
 
-    As many workers as the configuration says, or one for each node, as far as they share the
-    matches out evenly. As many CPUs as each of them can have on one node, or what the
-    configuration's threads come to.
+    What the configuration says, or else a worker for each node, as far as they share the matches
+    out evenly, with as many CPUs as each can have on one node.
 
     Raises:
         ConfigError: The cluster that this process is connected to has no room for them.

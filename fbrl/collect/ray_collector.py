@@ -7,6 +7,7 @@ import contextlib
 import warnings
 from collections.abc import Callable
 from concurrent.futures import Future
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,9 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.collectors.distributed import RayCollector
 from torchrl.envs import ExplorationType
 
-from fbrl.collect.collector import BatchCollector, MatchWorkersError
-from fbrl.collect.episode_bookkeeping import EpisodeBookkeeping
+from fbrl.collect.collector import BatchCollector, EpisodeBookkeeping, MatchWorkersError
 from fbrl.collect.ray_cluster import RayHeadLostError, check_head, workers_and_cpus
-from fbrl.collect.ray_worker import CONCURRENCY_GROUPS, MakeMatches, MakePolicy, MatchCollector
+from fbrl.collect.ray_worker import CONCURRENCY_GROUPS, MatchCollector, make_matches, make_policy
 from fbrl.config import ConfigError, TrainConfig
 from fbrl.models.actor_critic import CollectionPolicy
 from fbrl.transforms import ScoringReward
@@ -35,7 +35,7 @@ SECONDS_BETWEEN_QUESTIONS = 1
 """To a worker that plays, whether it still does."""
 
 MAX_RESTARTS = 10
-"""Of all workers together, by default."""
+"""Of all workers together."""
 
 LOGS = "What it printed is on its node, in /tmp/ray/session_latest/logs."
 
@@ -62,25 +62,22 @@ class RayMatchCollector(BatchCollector):
     """Collects batches from workers on the nodes of the cluster that Ray is connected to.
 
     All begin a batch with the same weights, and the batch is whole when the last one is done. A
-    worker that dies or hangs, alone or with its node, is begun anew by Ray, on another node if need
-    be; its part of the batch is played again, in new matches. Workers and matches are seeded, so
-    that the same training with as many workers has the same batches as long as none dies.
+    worker that dies or hangs is begun anew by Ray, on another node if need be; its part of the
+    batch is played again, in new matches. Workers and matches are seeded, so that the same training
+    with as many workers has the same batches as long as none dies.
 
     TorchRL's ``RayCollector`` makes and ends the workers, but does not play the batches: its
-    iterator ends with the first worker that dies, and the process group that it sends the weights
-    through by default neither takes a new member nor listens on one interface only. Here they go
-    through Ray's object store.
+    iterator ends with the first worker that dies, and the process group of its weights takes no new
+    member. Here they go through Ray's object store.
 
     Args:
         config: The training.
         policy: Its weights are sent before each batch; it may be on any device.
         reward: Computed by the workers.
-        seed: Seeds the matches and the choice of actions.
-        timeout: Seconds after which a worker that does not answer is replaced; 0 for never. A
-            worker answers while it plays, however long a batch takes.
+        seed: Of the matches and the choice of actions.
+        timeout: Seconds after which a worker that does not answer is replaced, while it plays or
+            not; 0 for never.
         on_restart: Called with one line about each worker that is replaced.
-        max_restarts: How often that may happen, to all workers together; by default
-            :data:`MAX_RESTARTS`.
 
     Attributes:
         lost_matches: Matches that were lost so far.
@@ -98,21 +95,18 @@ class RayMatchCollector(BatchCollector):
         seed: int,
         timeout: float = 20,
         on_restart: Callable[[str], None] = lambda line: None,
-        max_restarts: int | None = None,
     ) -> None:
+        self._config = config
         self._policy = policy
-        self._scenario = config.scenario
-        self._num_envs = config.ppo.num_envs
-        self._hang_timeout = config.hang_timeout
         self._timeout = timeout
         self._on_restart = on_restart
-        self._restarts_left = MAX_RESTARTS if max_restarts is None else max_restarts
+        self._restarts_left = MAX_RESTARTS
         self.lost_matches = 0
         self._seeds: list[int | None] = []
         self._is_head_lost = False
         self._reward = ray.put(reward)
         workers, cpus = workers_and_cpus(config)
-        self._share = self._num_envs // workers
+        self._share = config.ppo.num_envs // workers
         self._placement = placement_group([{"CPU": cpus}] * workers, strategy="SPREAD")
         try:
             self._collector = self._start(config, reward, workers, cpus)
@@ -134,15 +128,12 @@ class RayMatchCollector(BatchCollector):
                 f"{START_TIMEOUT} s: others use it. Wait, or ask for less with --num-workers "
                 "and --num-threads."
             )
-        places = [
-            PlacementGroupSchedulingStrategy(self._placement, number) for number in range(workers)
-        ]
         with warnings.catch_warnings():
             # It warns that it doesn't send the weights of a policy that it doesn't have.
             warnings.simplefilter("ignore", UserWarning)
             return _StartedCollector(
-                [MakeMatches(config, self._share, cpus, self._reward)] * workers,
-                policy_factory=MakePolicy(config),
+                [partial(make_matches, config, self._share, cpus, self._reward)] * workers,
+                policy_factory=partial(make_policy, config),
                 collector_class=MatchCollector,
                 collector_kwargs={
                     "hang_timeout": config.hang_timeout,
@@ -156,9 +147,11 @@ class RayMatchCollector(BatchCollector):
                         "num_cpus": cpus,
                         "max_restarts": -1,
                         "concurrency_groups": CONCURRENCY_GROUPS,
-                        "scheduling_strategy": place,
+                        "scheduling_strategy": PlacementGroupSchedulingStrategy(
+                            self._placement, number
+                        ),
                     }
-                    for place in places
+                    for number in range(workers)
                 ],
                 exploration_type=ExplorationType.RANDOM,
                 frames_per_batch=config.ppo.frames_per_batch,
@@ -167,7 +160,7 @@ class RayMatchCollector(BatchCollector):
             )
 
     def set_seed(self, seed: int) -> None:
-        """Seeds what begins with the next :meth:`reset`."""
+        """See :meth:`BatchCollector.set_seed`."""
         self._random = np.random.default_rng(seed)
 
     def reset(self) -> None:
@@ -175,10 +168,7 @@ class RayMatchCollector(BatchCollector):
         self._seeds = [self._new_seed() for _ in self._workers]
 
     def collect(self) -> TensorDictBase:
-        """Has ``num_steps`` steps played in each match, after a reset the first time.
-
-        Returns:
-            A batch of shape (num_envs, num_steps) on the CPU.
+        """See :meth:`BatchCollector.collect`.
 
         Raises:
             MatchWorkersError: Workers died or hung too often, or one that did finds no place any
@@ -204,7 +194,7 @@ class RayMatchCollector(BatchCollector):
         return self._workers[number].play.remote(weights, self._seeds[number])
 
     def _receive(self, number: int, batch: ray.ObjectRef, weights: ray.ObjectRef) -> TensorDictBase:
-        """The batch of a worker, from the one that follows it if need be."""
+        """The batch of a worker, or of the one that follows it."""
         while True:
             try:
                 return self._await(number, batch.future())
@@ -217,13 +207,9 @@ class RayMatchCollector(BatchCollector):
             batch = self._order(number, weights)
 
     def _await(self, number: int, batch: Future[TensorDictBase]) -> TensorDictBase:
-        """The batch of a worker, as long as that answers.
-
-        Raises:
-            _WorkerLostError: It does not, or a match hangs.
-            RayActorError: It has died.
-        """
-        answer, silence = self._ask(number), 0
+        """The batch of a worker, unless that does not answer, or a match hangs."""
+        ask = self._workers[number].get_hanging.remote
+        answer, silence = ask().future(), 0
         while True:
             with contextlib.suppress(concurrent.futures.TimeoutError):
                 # In ray.get an exception from a signal's handler would become another one.
@@ -233,11 +219,11 @@ class RayMatchCollector(BatchCollector):
             silence += SECONDS_BETWEEN_QUESTIONS
             if answer.done():
                 if hanging := answer.result():
+                    limit = f"more than {self._config.hang_timeout} s"
                     raise _WorkerLostError(
-                        f"hangs in the engine: {', '.join(hanging)} took more than "
-                        f"{self._hang_timeout} s"
+                        f"hangs in the engine: {', '.join(hanging)} took {limit}"
                     )
-                answer, silence = self._ask(number), 0
+                answer, silence = ask().future(), 0
             elif self._timeout and silence >= self._timeout:
                 raise _WorkerLostError(f"has not answered for {silence} s")
 
@@ -248,20 +234,14 @@ class RayMatchCollector(BatchCollector):
             self._is_head_lost = True
             raise
 
-    def _ask(self, number: int) -> Future[list[str]]:
-        return self._workers[number].get_hanging.remote().future()
-
     def _replace(self, number: int, reason: str) -> None:
-        """Waits until Ray has begun a worker anew.
-
-        Raises:
-            MatchWorkersError: That was too often, or there is no place for it.
-        """
+        """Waits until Ray has begun a worker anew, unless it has done so too often."""
         self._check_head()
         self.lost_matches += self._share
         line = (
             f"Ray worker {number} ({self._places[number]}), which plays {self._share} matches of "
-            f"{self._scenario!r}, {reason}; {self.lost_matches} matches have been lost so far."
+            f"{self._config.scenario!r}, {reason}; {self.lost_matches} matches have been lost so "
+            "far."
         )
         if not self._restarts_left:
             raise MatchWorkersError(f"{line} That was too often. {LOGS}")
@@ -279,9 +259,8 @@ class RayMatchCollector(BatchCollector):
                 "add a node, or ask for less with --num-workers."
             ) from error
         except RayActorError as error:
-            raise MatchWorkersError(
-                f"{line} Another one can't start: {_last_line(error)}"
-            ) from error
+            last_line = _last_line(error)
+            raise MatchWorkersError(f"{line} Another one can't start: {last_line}") from error
 
     def _new_seed(self) -> int:
         return int(self._random.integers(2**31))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import ray
@@ -31,7 +30,7 @@ class MatchCollector(Collector):
 
     Args:
         create_env_fn: Makes the worker's matches.
-        hang_timeout: Seconds that one step of a match may take before it hangs; 0 for any time.
+        hang_timeout: Seconds that one step of a match may take; 0 for any time.
         drop: Keys of a batch that nothing needs.
         **settings: As for TorchRL's.
     """
@@ -52,14 +51,9 @@ class MatchCollector(Collector):
         self._for_good.enter_context(Watchdog(hang_timeout, self._hanging.extend))
 
     def play(self, weights: TensorDictBase, seed: int | None) -> TensorDictBase:
-        """Plays a batch; one call, so that a worker never plays with the weights it began with.
+        """Plays a batch of shape (matches, num_steps) with these weights.
 
-        Args:
-            weights: Those of the policy.
-            seed: Begin new matches and random numbers with it; None to play on.
-
-        Returns:
-            Shape (matches, num_steps).
+        With a seed it begins new matches and random numbers.
         """
         self.update_policy_weights_(weights)
         if seed is not None:
@@ -79,39 +73,28 @@ class MatchCollector(Collector):
         return f"process {os.getpid()} on node {ray.util.get_node_ip_address()}"
 
 
-@dataclass(frozen=True)
-class MakeMatches:
-    """Makes a worker's matches where the worker is."""
-
-    config: TrainConfig
-    num_envs: int
-    num_threads: int
-    # Ray begins a worker anew with its arguments, but keeps only small ones for that.
-    reward: ray.ObjectRef
-
-    def __call__(self) -> EnvBase:
-        """Makes them."""
-        # Only in a worker: the one who sends this is imported by it.
-        from fbrl.assembly import make_agent_env
-
-        import_modules(self.config.modules)
-        return make_agent_env(
-            self.config,
-            num_envs=self.num_envs,
-            num_threads=self.num_threads,
-            reward=ray.get(self.reward),
-        )
+# What these import imports this module itself, so that they can do so in a worker only.
 
 
-@dataclass(frozen=True)
-class MakePolicy:
+def make_matches(
+    config: TrainConfig, num_envs: int, num_threads: int, reward: ray.ObjectRef
+) -> EnvBase:
+    """Makes a worker's matches where the worker is.
+
+    The reward is a reference: Ray begins a worker anew with its arguments, but keeps only small
+    ones for that.
+    """
+    from fbrl.assembly import make_agent_env
+
+    import_modules(config.modules)
+    return make_agent_env(
+        config, num_envs=num_envs, num_threads=num_threads, reward=ray.get(reward)
+    )
+
+
+def make_policy(config: TrainConfig) -> CollectionPolicy:
     """Makes a worker's policy, whose weights come with each order for a batch."""
+    from fbrl.assembly import make_model
 
-    config: TrainConfig
-
-    def __call__(self) -> CollectionPolicy:
-        """Makes it."""
-        from fbrl.assembly import make_model
-
-        import_modules(self.config.modules)
-        return make_model(self.config, torch.device("cpu")).get_collection_policy()
+    import_modules(config.modules)
+    return make_model(config, torch.device("cpu")).get_collection_policy()

@@ -6,17 +6,16 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import load_gfootball
 
-LOOKS = 10
-"""How often it looks in the time that a match may take."""
+_LOOKS = 10
+"""In the time that a match may take."""
 
 
 class Watchdog:
     """Looks, in a thread of its own, whether a step or a reset of a match takes too long.
 
-    Time in which the whole process stood still, as in a job or a machine that was suspended, is
-    not counted.
+    Time in which the whole process stood still, as in a job that was suspended, is not counted.
 
     Args:
         timeout: Seconds that one call of a match may take; 0 never to look.
@@ -46,10 +45,10 @@ class Watchdog:
     def _watch(self) -> None:
         in_hand = load_gfootball().engine.matches_in_hand
         looks: dict[tuple[Any, str], int] = {}
-        while not self._ended.wait(self._timeout / LOOKS):
+        while not self._ended.wait(self._timeout / _LOOKS):
             # Counted, not measured: a process that stands still does not look.
             looks = {call: looks.get(call, 0) + 1 for call in in_hand()}
-            hanging = [match for (_, match), times in looks.items() if times > LOOKS]
+            hanging = [match for (_, match), times in looks.items() if times > _LOOKS]
             if hanging:
                 self._on_hang(sorted(hanging))
                 return

@@ -91,7 +91,7 @@ def check_engine() -> str:
             "`rm .venv/.engine .venv/.setup-complete; make setup`, or "
             "`pip install --force-reinstall --no-deps` its wheel",
         )
-    from fbrl.envs.gfootball_import import load_gfootball
+    from fbrl.envs.engine import load_gfootball
 
     try:
         load_gfootball()

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from fbrl.checks.names import UnknownNameError
 from fbrl.envs.actions import ACTION_NAMES
+from fbrl.envs.engine import EngineNotInstalledError, ScenarioError
 from fbrl.envs.football import FootballEnv
-from fbrl.envs.gfootball_import import EngineNotInstalledError
 from fbrl.envs.observation import OBSERVATION_SPACE
-from fbrl.envs.scenario_check import ScenarioError
 from fbrl.envs.vector_env import FootballVectorEnv
 from fbrl.scenarios import SCENARIOS, Scenario
 

@@ -1,7 +1,7 @@
 """Matches as the engine itself draws them, off-screen and in a process of its own.
 
 The engine can draw in one instance of a process only, takes five to fifteen seconds to set that up,
-and asks the system's graphics for much: the process that plays has nothing to do with it.
+and asks the system's graphics for much.
 """
 
 from __future__ import annotations
@@ -32,11 +32,7 @@ class RenderingError(RuntimeError):
 
 
 class EnginePictures:
-    """Plays matches and draws them, in a process of its own.
-
-    Args:
-        width: Of the pictures, pixels.
-        height: Likewise.
+    """Plays matches and draws pictures of ``width`` x ``height`` pixels, in a process of its own.
 
     As a context manager it ends the process, which otherwise ends with this one.
 
@@ -71,10 +67,10 @@ class EnginePictures:
         self._resources.callback(os.close, self._pictures)
         self._errors = tempfile.TemporaryFile("w+", errors="replace")  # noqa: SIM115
         self._resources.enter_context(self._errors)
-        program = [sys.executable, "-m", "fbrl.envs.render_process"]
+        arguments = map(str, (self.width, self.height, for_child))
         try:
             self._process = subprocess.Popen(
-                [*program, str(self.width), str(self.height), str(for_child)],
+                [sys.executable, "-m", "fbrl.envs.render_process", *arguments],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._errors,
@@ -101,8 +97,7 @@ class EnginePictures:
         """Begins an episode, or goes on with the last one, and draws what it comes to.
 
         Args:
-            episode: Scenario, engine seed and episode number, as for
-                :func:`fbrl.envs.engine.build_scenario`; ``None`` to go on.
+            episode: What :func:`fbrl.envs.engine.build_scenario` takes; ``None`` to go on.
             actions: What is played, indices in [0, 19].
             every: Draw each state, an episode's first one included, instead of the last alone.
 
@@ -116,7 +111,14 @@ class EnginePictures:
         """
         self.start()
         try:
-            self._send({"episode": episode, "actions": list(actions), "every": every})
+            assert self._process is not None
+            assert self._process.stdin is not None
+            request = {"episode": episode, "actions": list(actions), "every": every}
+            try:
+                self._process.stdin.write(json.dumps(request) + "\n")
+                self._process.stdin.flush()
+            except OSError as error:
+                raise self._ended() from error
             expected = len(actions) + (episode is not None) if every else 1
             for _ in range(expected):
                 (count,) = np.frombuffer(self._receive(4), np.int32)
@@ -124,19 +126,9 @@ class EnginePictures:
                 picture = np.frombuffer(self._receive(self.height * self.width * 3), np.uint8)
                 yield positions, picture.reshape(self.height, self.width, 3)
         except BaseException:
-            # Also where the caller wants no more pictures: what is left of them would be taken for
-            # the next match.
+            # Also where the caller wants no more pictures: the rest would be taken for the next.
             self.close()
             raise
-
-    def _send(self, request: dict[str, object]) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(json.dumps(request) + "\n")
-            self._process.stdin.flush()
-        except OSError as error:
-            raise self._ended() from error
 
     def _receive(self, size: int) -> bytearray:
         received = bytearray()

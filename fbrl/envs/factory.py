@@ -1,16 +1,18 @@
-"""Assembles a training environment: matches, reward, observation, sums per episode."""
+"""Matches under TorchRL, assembled with a reward, an observation and sums per episode."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
 
-from tensordict import NestedKey
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from torchrl.data import Composite, TensorSpec, Unbounded
 from torchrl.data.utils import numpy_to_torch_dtype_dict
 from torchrl.envs import (
     Compose,
     ExcludeTransform,
+    GymWrapper,
     RewardSum,
     StepCounter,
     Transform,
@@ -18,9 +20,8 @@ from torchrl.envs import (
 )
 
 from fbrl.components import OBSERVATIONS, REWARDS
-from fbrl.envs.episode_seeds import check_seed
+from fbrl.envs.arguments import check_seed
 from fbrl.envs.observation import OBSERVATION_SPACE, select_space
-from fbrl.envs.torchrl_matches import FootballMatches
 from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
 from fbrl.transforms import PlayStatistics, ScoringReward
 
@@ -31,32 +32,69 @@ EPISODE_LENGTH = "step_count"
 """Steps of the episode so far."""
 
 
+class FootballMatches(GymWrapper):
+    """TorchRL's wrapper of a :class:`~fbrl.envs.FootballVectorEnv`, with a step of its own.
+
+    The arrays of a step are what the specs promise and belong to the caller already, so the tensors
+    share their memory; ``GymWrapper`` looks up and encodes each entry, which at 8 matches takes
+    several times as long. Takes the arguments of ``GymWrapper``.
+
+    Examples:
+        >>> matches = FootballVectorEnv("academy_empty_goal", num_envs=2)
+        >>> env = FootballMatches(matches, categorical_action_encoding=True, device="cpu")
+        >>> env.rollout(3)["next", "ball"].shape
+        torch.Size([2, 3, 3])
+    """
+
+    @property
+    def matches(self) -> FootballVectorEnv:
+        """The vector environment that is wrapped."""
+        return self._env
+
+    def _make_specs(self, *args: Any, **kwargs: Any) -> None:
+        super()._make_specs(*args, **kwargs)
+        # Whatever PyTorch's default is, rewards are what the matches write.
+        shape = (*self.batch_size, 1)
+        self.reward_spec = Unbounded(shape, dtype=torch.float32, device=self.device)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = tensordict.get("action", None)
+        if action is None:
+            raise KeyError(
+                "There is no 'action' in the tensordict that is stepped, which has "
+                f"{sorted(map(str, tensordict.keys()))}. A policy writes it, or "
+                "env.rand_action(tensordict)."
+            )
+        observation, reward, terminated, truncated, info = self._env.step(action.numpy())
+        results = {"reward": reward, "terminated": terminated, "truncated": truncated}
+        results["done"] = terminated | truncated
+        arrays = observation | {key: array[:, None] for key, array in results.items()}
+        tensors = {key: torch.from_numpy(array) for key, array in arrays.items()}
+        following = TensorDict(tensors, self.batch_size, device=self.device)
+        for read in self.info_dict_reader:
+            following = read(info, following)
+        return following
+
+
 def make_reward(
     reward: str | ScoringReward, *, gamma: float | None = None, **options: Any
 ) -> ScoringReward:
-    """A reward transform from its name and options; a transform is returned as it is.
+    """A reward transform from its name in :data:`fbrl.components.REWARDS` and its options.
 
-    Args:
-        reward: A name in :data:`fbrl.components.REWARDS`, or a transform.
-        gamma: The training's discount, for those that need it.
-        options: The reward's own.
+    A transform is returned as it is. ``gamma`` is the training's discount, which some need.
 
     Raises:
         UnknownNameError: There is no reward of this name.
         ConfigError: It can't be imported, or has no such option.
         TypeError: It is neither a name nor a reward, or needs the discount.
     """
-    if not isinstance(reward, str):
-        return _checked(reward)
-    if reward == "potential" and gamma is None:
-        raise TypeError(
-            "The reward 'potential' needs the discount of the training: pass "
-            "AssistDensityPotential(gamma=0.993), say, in place of its name."
-        )
-    return _checked(REWARDS.make(reward, options, gamma=gamma))
-
-
-def _checked(reward: Any) -> ScoringReward:
+    if isinstance(reward, str):
+        if reward == "potential" and gamma is None:
+            raise TypeError(
+                "The reward 'potential' needs the discount of the training: pass "
+                "AssistDensityPotential(gamma=0.993), say, in place of its name."
+            )
+        reward = REWARDS.make(reward, options, gamma=gamma)
     if not isinstance(reward, ScoringReward):
         raise TypeError(
             f"The reward is {reward!r}; it must be a ScoringReward, or one of "
@@ -66,11 +104,7 @@ def _checked(reward: Any) -> ScoringReward:
 
 
 def make_observation(observation: str | Transform, **options: Any) -> Transform:
-    """An observation transform from its name and options; a transform is returned as it is.
-
-    Args:
-        observation: A name in :data:`fbrl.components.OBSERVATIONS`, or a transform.
-        options: The observation's own.
+    """An observation transform, likewise from a name in :data:`fbrl.components.OBSERVATIONS`.
 
     Raises:
         UnknownNameError: There is no observation of this name.
@@ -95,13 +129,11 @@ def observed_key(observation: Transform) -> NestedKey:
 
 def observed_spec(observation: Transform) -> TensorSpec:
     """The spec of what a network reads, of a single match."""
-    raw = Composite(
-        {
-            key: Unbounded(space.shape, dtype=numpy_to_torch_dtype_dict[space.dtype])
-            for key, space in OBSERVATION_SPACE.items()
-        }
-    )
-    return observation.transform_observation_spec(raw)[observed_key(observation)]
+    raw = {
+        key: Unbounded(space.shape, dtype=numpy_to_torch_dtype_dict[space.dtype])
+        for key, space in OBSERVATION_SPACE.items()
+    }
+    return observation.transform_observation_spec(Composite(raw))[observed_key(observation)]
 
 
 def make_env(
@@ -119,13 +151,13 @@ def make_env(
 
     Args:
         scenario: A name in :data:`fbrl.envs.SCENARIOS`.
-        num_envs: Number of matches, the batch size of the environment.
+        num_envs: Number of matches.
         reward: ``"analytics"``, ``"checkpoints"``, ``"scoring"``, or a transform of that family,
             such as ``AssistDensityReward(transition="consecutive")``; ``"potential"`` only as
             ``AssistDensityPotential(gamma=0.993)``, with the training's discount.
         observation: A name in :data:`fbrl.components.OBSERVATIONS`, or a transform.
-        num_threads: Threads that step the matches; one for each available core by default.
-        action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
+        num_threads: As for :class:`FootballVectorEnv`, like the next one.
+        action_set: ``"default"`` or ``"v2"``.
         keep_keys: Raw observation keys to keep; the others are dropped once the reward and the
             observation are computed, so that a collector neither copies nor stores them.
         seed: Seeds the matches.
@@ -137,7 +169,6 @@ def make_env(
 
     Raises:
         ValueError: A name, or a key to keep, is unknown, or a number is out of range.
-        TypeError: An argument is of another type.
         EngineNotInstalledError: gfootball is missing.
 
     Examples:
@@ -145,8 +176,8 @@ def make_env(
         >>> env.rollout(3)["next", "episode_reward_scoring"].shape
         torch.Size([2, 3, 1])
     """
-    reward_transform = make_reward(reward)
-    transforms = [reward_transform, make_observation(observation), PlayStatistics()]
+    reward = make_reward(reward)
+    transforms = [reward, make_observation(observation), PlayStatistics()]
     raw_keys = raw_keys_of(transforms)
     kept = set(select_space(keep_keys))
     if seed is not None:
@@ -154,9 +185,9 @@ def make_env(
     matches = FootballVectorEnv(
         scenario, num_envs, num_threads, observation_keys=raw_keys | kept, action_set=action_set
     )
-    sums = ["reward", *reward_transform.part_names]
+    sums = ["reward", *reward.part_names]
     env = TransformedEnv(
-        as_torchrl(matches),
+        FootballMatches(matches, categorical_action_encoding=True, device="cpu"),
         Compose(
             *transforms,
             RewardSum(in_keys=sums, out_keys=[EPISODE_PREFIX + name for name in sums]),
@@ -167,11 +198,6 @@ def make_env(
     if seed is not None:
         env.set_seed(seed)
     return env
-
-
-def as_torchrl(matches: FootballVectorEnv) -> FootballMatches:
-    """The matches as TorchRL's environment on the CPU, with actions as integers."""
-    return FootballMatches(matches, categorical_action_encoding=True, device="cpu")
 
 
 def raw_keys_of(transforms: Iterable[Transform]) -> set[str]:

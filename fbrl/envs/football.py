@@ -12,10 +12,9 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from fbrl.envs.arguments import check_options
+from fbrl.envs.arguments import check_options, check_seed, draw_seed
 from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS
-from fbrl.envs.episode_seeds import check_seed, draw_seed
-from fbrl.envs.matches import Matches, MatchState
+from fbrl.envs.matches import RESULTS, Matches, MatchState, stating_what_is_no_match
 from fbrl.envs.observation import Observation, select_space, without_scalars
 from fbrl.envs.rendering import (
     DRAWN_KEYS,
@@ -35,14 +34,14 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
 
     Args:
         scenario: A name in :data:`fbrl.envs.SCENARIOS`, or of one's own scenario module.
-        observation_keys: Keys to observe, all of them by default: a smaller observation is
-            faster. See :mod:`fbrl.envs.observation` for their meaning.
+        observation_keys: Keys to observe, all by default: fewer are faster. See
+            :mod:`fbrl.envs.observation` for their meaning.
         render_mode: ``"rgb_array"`` for pictures by :meth:`render`.
         view: What they show: the match from above (``"2d"``), or as the engine itself draws it
             (``"3d"``), which needs the package fbrl-engine-render.
 
     Raises:
-        UnknownNameError: There is no such scenario, render mode or view.
+        ValueError: An observation key, the scenario, the render mode or the view is unknown.
         EngineNotInstalledError: gfootball is missing.
         MissingExtraError: Packages that pictures need are missing.
 
@@ -91,15 +90,7 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode.
-
-        Args:
-            seed: Engine seed of this episode, in [0, 2**32 - 1]; it also seeds ``np_random``.
-            options: None are known.
-
-        Raises:
-            ValueError: The seed is out of range, or there are options.
-        """
+        """Starts an episode; ``seed`` is in [0, 2**32 - 1], and there are no options."""
         check_options(options, ())
         engine_seed = None if seed is None else check_seed(seed)
         super().reset(seed=engine_seed)
@@ -119,11 +110,8 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Plays one step.
 
-        Args:
-            action: In [0, 18].
-
         Raises:
-            ValueError: The action is out of range.
+            ValueError: The action is not in [0, 18].
             RuntimeError: The episode has not begun or has ended, or the environment is closed.
         """
         if not self.action_space.contains(action) or isinstance(action, bool):
@@ -136,26 +124,20 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         self._matches.step([0], [int(action)])
         if self._in_engine:
             self._in_engine.step(int(action))
-        arrays = self._matches.arrays
-        terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
-        return self._observe(), float(arrays["reward"][0]), terminated, truncated, self._info()
+        reward, terminated, truncated = (self._matches.arrays[key].item() for key in RESULTS)
+        return self._observe(), reward, terminated, truncated, self._info()
 
     def _info(self) -> dict[str, np.int64]:
         return {"engine_seed": np.int64(self._matches.episodes[0][0])}
 
     def _observe(self) -> Observation:
-        observed = self._matches.observe()
-        return {
-            key: observed[key].reshape(box.shape) for key, box in self.observation_space.items()
-        }
+        shapes = {key: box.shape for key, box in self.observation_space.items()}
+        return {key: array.reshape(shapes[key]) for key, array in self._matches.observe().items()}
 
     def get_state(self) -> dict[str, Any]:
         """The state of the running match, and of what the next ones begin with.
 
-        Numbers, strings and bytes; 30 to 80 KB.
-
-        Raises:
-            RuntimeError: The episode has not begun or has ended, or the environment is closed.
+        Numbers, strings and bytes; 30 to 80 KB. A ``RuntimeError`` if no match is running.
         """
         return {
             "match": dataclasses.asdict(self._matches.get_state(0)),
@@ -170,9 +152,6 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
             state: Of a match of this scenario, from a source that is trusted: see
                 :meth:`fbrl.envs.matches.Matches.prepare_state`.
 
-        Returns:
-            What is observed of it.
-
         Raises:
             ValueError: It is not, as far as can be seen.
             RuntimeError: The match is drawn by the engine (view 3d), which can only follow it from
@@ -180,13 +159,10 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         """
         if self._in_engine:
             raise RuntimeError("A match with view='3d' can't go on from a state: take view='2d'.")
-        try:
+        with stating_what_is_no_match("The state"):
             self._matches.set_state(0, MatchState(**state["match"]))
             self._episode_number = int(state["episode_number"])
             self.np_random.bit_generator.state = state["np_random"]
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            reason = f"{type(error).__name__}: {error}"
-            raise ValueError(f"The state is not that of a match ({reason}).") from error
         return self._observe()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> FootballEnv:
@@ -209,9 +185,6 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
 
         Returns:
             Red, green and blue, uint8 (height, width, 3); ``None`` without a render mode.
-
-        Raises:
-            RenderingError: The engine can't draw (view 3d).
         """
         if self.render_mode is None:
             return None
@@ -230,8 +203,8 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
 def _refuse_next_step_autoreset(scenario: str) -> None:
     """Refuses ``torchrl.envs.GymEnv(..., num_envs=N)``, in which data would be wrong silently.
 
-    It takes Gymnasium's vector environments in their default mode, which begin a new episode in the
-    step after the last one; its own ``GymWrapper`` refuses that. Nothing but the caller tells.
+    It takes Gymnasium's default mode, which begins an episode in the step after the last one; its
+    own ``GymWrapper`` refuses that. Nothing but the caller tells.
     """
     frame = sys._getframe()
     while frame.f_back is not None:

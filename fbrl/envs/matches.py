@@ -1,15 +1,16 @@
 """The engine's native matches, with the arrays that they write to.
 
-The rules of a match are gfootball's, in the engine's ``src/match.cpp``: forced actions while the
-game waits, the ends of an episode, the score reward. A match agrees step for step with one that is
-played through gfootball's own Python environment.
+The rules of a match are gfootball's, in the engine's ``src/match.cpp``. A match agrees step for
+step with one that is played through gfootball's own Python environment.
 """
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,47 +18,52 @@ import numpy as np
 from gymnasium import Space
 
 from fbrl.checks.field_types import check_field_types
-from fbrl.envs.engine import build_scenario
-from fbrl.envs.gfootball_import import load_gfootball
+from fbrl.envs.engine import build_scenario, load_gfootball
 from fbrl.envs.observation import OBSERVATION_SPACE
 
+KEPT_STATES = 256
+"""That :class:`MidwayStarts` keeps at most; 30 to 80 KB each."""
+
 RESULTS = {"reward": np.float32, "terminated": np.bool_, "truncated": np.bool_}
-"""What a step leads to besides an observation."""
+"""What a step leads to besides an observation: the change of the goal difference, and whether a
+rule of the scenario, or its time limit, ended the episode."""
 
 
 @dataclass(frozen=True)
 class MatchState:
-    """Everything that decides how a match goes on.
-
-    Attributes:
-        seed: Engine seed that the episode began with.
-        episode_number: Its number.
-        engine: The engine's own state, its random numbers included; 30 to 80 KB.
-        waiting_steps: Steps since the game stopped, which the forced actions depend on.
-        previous_score_difference: Goals for minus goals against after the last step.
-        previous_game_mode: Its game mode; -1 before the first step.
-        previous_ball_owned_team: The team that had the ball last; -1 if none had.
-    """
+    """Everything that decides how a match goes on."""
 
     seed: int
+    """Engine seed that the episode began with."""
     episode_number: int
+    """Its number."""
     engine: bytes
+    """The engine's own state, its random numbers included; 30 to 80 KB."""
     waiting_steps: int
+    """Steps since the game stopped, which the forced actions depend on."""
     previous_score_difference: int
+    """Goals for minus goals against after the last step."""
     previous_game_mode: int
+    """Its game mode; -1 before the first step."""
     previous_ball_owned_team: int
+    """The team that had the ball last; -1 if none had."""
+
+
+@contextlib.contextmanager
+def stating_what_is_no_match(state: str) -> Iterator[None]:
+    """Makes of all that a wrong state leads to a ``ValueError``; the argument is its name."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"{state} is not that of a match ({reason}).") from error
 
 
 _open_matches: weakref.WeakSet[Matches] = weakref.WeakSet()
 
 
 def empty_arrays(spaces: Mapping[str, Space[Any]], *leading: int) -> dict[str, Any]:
-    """Arrays for matches to write to: of each observation key, and of :data:`RESULTS`.
-
-    Args:
-        spaces: Of the observation keys.
-        leading: What the arrays' shapes begin with.
-    """
+    """Arrays of observation keys and of :data:`RESULTS`, whose shapes begin with ``leading``."""
     arrays = {key: np.zeros((*leading, *(s.shape or ())), s.dtype) for key, s in spaces.items()}
     return arrays | {key: np.zeros(leading, dtype) for key, dtype in RESULTS.items()}
 
@@ -71,19 +77,14 @@ class Matches:
     Args:
         scenario: Name of a scenario module in ``gfootball.scenarios``.
         num_matches: How many.
-        num_threads: How many threads play them, without Python's lock.
+        num_threads: Of the engine.
         keys: What is observed, names in :data:`~fbrl.envs.observation.OBSERVATION_SPACE`.
         drawn_keys: What else :attr:`arrays` have, to be drawn.
 
     Attributes:
-        arrays: What was observed last, shape (num_matches, ...) for each key. Besides, of the last
-            step: ``reward``, the change of the goal difference, float32; ``terminated``, whether a
-            rule of the scenario ended the episode, and ``truncated``, whether its time limit did;
-            shape (num_matches,). The matches write to them, in each call anew.
+        arrays: What was observed last, shape (num_matches, ...) for each key, and of the last step
+            :data:`RESULTS`, shape (num_matches,). The matches write to them, in each call anew.
         episodes: Engine seed and number of each match's episode.
-
-    Raises:
-        EngineNotInstalledError: The engine can't be imported.
     """
 
     def __init__(
@@ -111,26 +112,16 @@ class Matches:
         self._prepared = list(self.episodes)
 
     def prepare(self, match: int, seed: int, episode_number: int) -> None:
-        """Says which episode a match begins next; see :func:`fbrl.envs.engine.build_scenario`.
-
-        Raises:
-            ScenarioError: The engine can't play the scenario, or its file fails.
-        """
+        """Says which episode a match begins next; see :func:`fbrl.envs.engine.build_scenario`."""
         config = build_scenario(self.scenario, seed, episode_number)
         self.native.prepare(match, config, seed, episode_number)
         self._prepared[match] = seed, episode_number
 
     def prepare_state(self, match: int, state: MatchState) -> None:
-        """Says in which state of an earlier episode a match begins next.
+        """Says in which state of an earlier episode of this scenario a match begins next.
 
-        Args:
-            match: The one that goes on from it, and then replays exactly, whatever was played
-                since.
-            state: Of a match of this scenario. The engine takes it as it is: one that was tampered
-                with can do to the process whatever it wants.
-
-        Raises:
-            TypeError: A value in it is of another type.
+        From there it replays exactly. The engine takes a state as it is: one that was tampered with
+        can do to the process whatever it wants. A ``TypeError`` for a value of another type.
         """
         check_field_types(state)
         # Which team is processed first, and who kicks off, is no part of the engine's state.
@@ -147,20 +138,15 @@ class Matches:
         batch.wait()
 
     def begun_anew(self, matches: Iterable[int]) -> None:
-        """Notes that these matches have gone on to the episodes that were prepared for them."""
+        """Notes that these matches have begun what was prepared for them."""
         for match in matches:
             self.episodes[match] = self._prepared[match]
 
     def step(self, matches: Sequence[int], actions: Sequence[int]) -> None:
         """Has these matches play 100 ms (ten physics steps), and on until the game is in play.
 
-        Args:
-            matches: Running ones.
-            actions: Of each an index into gfootball's default action set, in [0, 18], or
-                :data:`~fbrl.envs.engine.BUILTIN_AI`.
-
-        Raises:
-            RuntimeError: One is not running, or failed in the engine; the message names it.
+        Actions are indices in [0, 18], or :data:`~fbrl.envs.engine.BUILTIN_AI`. A ``RuntimeError``
+        names a match that is not running, or that failed in the engine.
         """
         self.native.send_step(matches, actions, self._rows).wait()
 
@@ -174,21 +160,12 @@ class Matches:
         return [match for match in range(len(self.episodes)) if not native.is_running(match)]
 
     def get_state(self, match: int) -> MatchState:
-        """The state of a running match.
-
-        Raises:
-            RuntimeError: It is not running.
-        """
+        """The state of a running match; a ``RuntimeError`` for another."""
         seed, number = self.episodes[match]
         return MatchState(seed, number, **self.native.state(match))
 
     def set_state(self, match: int, state: MatchState) -> None:
-        """Goes on from a state, see :meth:`prepare_state`.
-
-        Raises:
-            ValueError: It is not the state of such a match, as far as can be seen.
-            TypeError: A value in it is of another type.
-        """
+        """Goes on from a state, see :meth:`prepare_state`; a ``ValueError`` if it is none."""
         self.prepare_state(match, state)
         self.begin([match])
 
@@ -196,3 +173,37 @@ class Matches:
         """Ends the threads; the matches can't be used any more."""
         _open_matches.discard(self)
         self.native.close()
+
+
+class MidwayStarts:
+    """Lets a share of the matches, in (0, 1], begin in states that earlier ones came to.
+
+    What pays is often far from where a scenario begins, and a policy that begins to learn seldom
+    comes there. From the middle of earlier matches it is nearer (compare Salimans and Chen 2018,
+    "Learning Montezuma's Revenge from a Single Demonstration", and Ecoffet et al. 2021, "First
+    return, then explore").
+    """
+
+    def __init__(self, share: float) -> None:
+        if not 0 < share <= 1:
+            raise ValueError(f"midway_starts is {share}; it must be a share of 0 to 1.")
+        self._share = share
+        self._states: deque[MatchState] = deque(maxlen=KEPT_STATES)
+
+    def keep(self, states: Iterable[MatchState]) -> None:
+        """Keeps states of matches that go on, instead of the oldest ones."""
+        self._states.extend(states)
+
+    def kept(self) -> tuple[MatchState, ...]:
+        """The states that are kept, the oldest first."""
+        return tuple(self._states)
+
+    def choose(self, engine_seed: int) -> MatchState | None:
+        """Where the match begins that would otherwise begin with this seed; None: as it would.
+
+        The same as long as no state is kept meanwhile.
+        """
+        np_random = np.random.default_rng(engine_seed)
+        if not self._states or np_random.random() >= self._share:
+            return None
+        return self._states[np_random.integers(len(self._states))]

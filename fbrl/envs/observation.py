@@ -1,28 +1,4 @@
-"""What a football environment observes: keys, shapes, dtypes, and what they mean.
-
-===============================  ========  =====  ==================================================
-key                              shape     dtype  meaning
-===============================  ========  =====  ==================================================
-``ball``                         (3,)      f32    x, y in pitch units and z in metres
-``ball_direction``               (3,)      f32    movement per step
-``ball_rotation``                (3,)      f32    rotation per step, radians
-``left_team``                    (11, 2)   f32    x, y of each player of the controlled team
-``left_team_direction``          (11, 2)   f32    movement per step
-``left_team_tired_factor``       (11,)     f32    0 (fresh) to 1
-``left_team_yellow_card``        (11,)     int8   1 for a player who has a yellow card
-``left_team_active``             (11,)     int8   0 for a player who was sent off, and for padding
-``left_team_roles``              (11,)     int64  0 keeper, 1 to 9 as in gfootball, -1 for padding
-``right_team`` and so on                          the same for the opponents
-``active``                       ()        int64  index of the controlled player in the left team
-``designated``                   ()        int64  index of the player whom the team's play is about
-``ball_owned_team``              ()        int64  -1 nobody, 0 left, 1 right
-``ball_owned_player``            ()        int64  index in that team, -1 nobody
-``game_mode``                    ()        int64  0 normal, 1 kick-off, 2 goal kick, 3 free kick,
-                                                  4 corner, 5 throw-in, 6 penalty
-``score``                        (2,)      int64  goals of the left and of the right team
-``steps_left``                   ()        int64  steps until the time limit
-``sticky_actions``               (10,)     int8   directions 1 to 8, sprint, dribble: 1 where held
-===============================  ========  =====  ==================================================
+"""What a football environment observes: :data:`OBSERVATION_SPACE`, and what its keys mean.
 
 :class:`~fbrl.envs.FootballEnv` has the single numbers, of shape (), as arrays of shape (1,), since
 other libraries' networks and checkers ask for arrays.
@@ -56,8 +32,8 @@ Observation = dict[str, Any]
 """An array for each key; not ``np.ndarray`` in the type because Gymnasium's ``Dict`` says so."""
 
 
-def _real(*shape: int, low: float = -np.inf, high: float = np.inf) -> spaces.Box:
-    return spaces.Box(low, high, shape, np.float32)
+def _real(*shape: int) -> spaces.Box:
+    return spaces.Box(-np.inf, np.inf, shape, np.float32)
 
 
 def _integer(low: int, high: int, *shape: int) -> spaces.Box:
@@ -70,30 +46,32 @@ def _flags(number: int) -> spaces.Box:
 
 def _team_space(team: str) -> dict[str, spaces.Space]:
     return {
-        team: _real(MAX_PLAYERS, 2),
-        f"{team}_direction": _real(MAX_PLAYERS, 2),
-        f"{team}_tired_factor": _real(MAX_PLAYERS, low=0, high=1),
-        f"{team}_yellow_card": _flags(MAX_PLAYERS),
-        f"{team}_active": _flags(MAX_PLAYERS),
+        team: _real(MAX_PLAYERS, 2),  # x, y of each player
+        f"{team}_direction": _real(MAX_PLAYERS, 2),  # movement per step
+        f"{team}_tired_factor": spaces.Box(0, 1, (MAX_PLAYERS,), np.float32),  # 0 is fresh
+        f"{team}_yellow_card": _flags(MAX_PLAYERS),  # who has one
+        f"{team}_active": _flags(MAX_PLAYERS),  # 0 for who was sent off, and for padding
+        # 0 keeper, 1 to 9 as in gfootball, -1 for padding
         f"{team}_roles": _integer(PADDING, 9, MAX_PLAYERS),
     }
 
 
 OBSERVATION_SPACE = spaces.Dict(
     {
-        "ball": _real(3),
-        "ball_direction": _real(3),
-        "ball_rotation": _real(3),
-        **_team_space("left_team"),
+        "ball": _real(3),  # x, y in pitch units and z in metres
+        "ball_direction": _real(3),  # movement per step
+        "ball_rotation": _real(3),  # rotation per step, radians
+        **_team_space("left_team"),  # the controlled team
         **_team_space("right_team"),
-        "active": _integer(-1, MAX_PLAYERS - 1),
-        "designated": _integer(-1, MAX_PLAYERS - 1),
-        "ball_owned_team": _integer(-1, 1),
-        "ball_owned_player": _integer(-1, MAX_PLAYERS - 1),
+        "active": _integer(-1, MAX_PLAYERS - 1),  # the controlled player in the left team
+        "designated": _integer(-1, MAX_PLAYERS - 1),  # whom the team's play is about
+        "ball_owned_team": _integer(-1, 1),  # -1 nobody, 0 left, 1 right
+        "ball_owned_player": _integer(-1, MAX_PLAYERS - 1),  # in that team, -1 nobody
+        # 0 normal, 1 kick-off, 2 goal kick, 3 free kick, 4 corner, 5 throw-in, 6 penalty
         "game_mode": _integer(0, 6),
-        "score": _integer(0, MAX_DURATION, 2),
-        "steps_left": _integer(0, MAX_DURATION),
-        "sticky_actions": _flags(10),
+        "score": _integer(0, MAX_DURATION, 2),  # goals of the left and of the right team
+        "steps_left": _integer(0, MAX_DURATION),  # until the time limit
+        "sticky_actions": _flags(10),  # which of directions 1 to 8, sprint, dribble are held
     }
 )
 """The whole observation of one match."""

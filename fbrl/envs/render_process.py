@@ -22,13 +22,7 @@ _BRIGHTER = np.rint(255 * (np.arange(256) / 255) ** (1 / _GAMMA)).astype(np.uint
 
 
 def main(width: int, height: int, descriptor: int) -> None:
-    """Draws until the input ends.
-
-    Args:
-        width: Of the pictures, pixels.
-        height: Likewise.
-        descriptor: Where to write.
-    """
+    """Draws pictures of ``width`` x ``height`` pixels to a descriptor until the input ends."""
     renderer = Renderer(width, height)
     with os.fdopen(descriptor, "wb") as output:
         for line in sys.stdin:

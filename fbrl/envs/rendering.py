@@ -15,7 +15,6 @@ from fbrl.envs.engine_pictures import EnginePictures
 if TYPE_CHECKING:
     from fbrl.drawing.match_picture import MatchPicture
 
-RenderMode = Literal["rgb_array"]
 View = Literal["2d", "3d"]
 """From above, some milliseconds a picture; or the engine's own, some tenths of a second."""
 
@@ -24,16 +23,11 @@ RENDER_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 
 WIDTH = 640
 """Of the pictures, pixels."""
 
+_TEAM_KEYS = ("team", "team_direction", "team_active", "team_roles")
+
 DRAWN_KEYS = (
     "ball",
-    "left_team",
-    "left_team_direction",
-    "left_team_active",
-    "left_team_roles",
-    "right_team",
-    "right_team_direction",
-    "right_team_active",
-    "right_team_roles",
+    *(f"{side}_{key}" for side in ("left", "right") for key in _TEAM_KEYS),
     "active",
     "game_mode",
     "score",
@@ -44,7 +38,7 @@ DRAWN_KEYS = (
 _PACKAGES = ("cv2", "matplotlib", "mplsoccer")
 
 
-def check_render_mode(render_mode: str | None, view: str = "2d") -> RenderMode | None:
+def check_render_mode(render_mode: str | None, view: str = "2d") -> str | None:
     """The render mode, if there is such a one and its view can be drawn.
 
     Raises:
@@ -52,12 +46,11 @@ def check_render_mode(render_mode: str | None, view: str = "2d") -> RenderMode |
         MissingExtraError: Packages are missing.
     """
     check_name("view", view, ("2d", "3d"))
-    if render_mode is None:
-        return None
-    check_name("render_mode", render_mode, ("rgb_array",))
-    if view == "2d" and (missing := missing_packages(_PACKAGES)):
-        raise MissingExtraError("Pictures", missing, "analysis")
-    return "rgb_array"
+    if render_mode is not None:
+        check_name("render_mode", render_mode, RENDER_METADATA["render_modes"])
+        if view == "2d" and (missing := missing_packages(_PACKAGES)):
+            raise MissingExtraError("Pictures", missing, "analysis")
+    return render_mode
 
 
 def draw_from_above(scenario: str, state: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -72,7 +65,7 @@ def draw_from_above(scenario: str, state: Mapping[str, np.ndarray]) -> np.ndarra
     """
     from fbrl.drawing.header import SECONDS_PER_STEP
 
-    picture = _match_picture(WIDTH)
+    picture = _match_picture()
     frame = picture.empty(scenario)
     picture.draw(frame, state, int(state["steps_left"]) * SECONDS_PER_STEP)
     # Videos are of even sizes.
@@ -80,19 +73,15 @@ def draw_from_above(scenario: str, state: Mapping[str, np.ndarray]) -> np.ndarra
 
 
 @functools.cache
-def _match_picture(width: int) -> MatchPicture:
+def _match_picture() -> MatchPicture:
     # Matplotlib takes long to import.
     from fbrl.drawing.match_picture import MatchPicture
 
-    return MatchPicture(width)
+    return MatchPicture(WIDTH)
 
 
 class EpisodeInEngine:
-    """Episodes as the engine draws them, which plays along where pictures are asked for.
-
-    Args:
-        scenario: Name of a scenario.
-    """
+    """Episodes of a scenario as the engine draws them, which plays along where it is asked to."""
 
     def __init__(self, scenario: str) -> None:
         self._scenario = scenario
@@ -100,7 +89,7 @@ class EpisodeInEngine:
         self.close = self._pictures.close
 
     def begin(self, seed: int, episode_number: int) -> None:
-        """Notes that an episode has begun; see :func:`fbrl.envs.engine.build_scenario`."""
+        """Notes that an episode has begun."""
         self._episode = self._scenario, seed, episode_number
         self._actions: list[int] = []
         # How many the engine that draws has played, None if it has not begun the episode.
@@ -111,11 +100,7 @@ class EpisodeInEngine:
         self._actions.append(action)
 
     def draw(self) -> np.ndarray:
-        """The last state: red, green and blue, uint8 (height, :data:`WIDTH`, 3).
-
-        Raises:
-            RenderingError: The process in which the engine draws ended, or hangs.
-        """
+        """The last state, or a ``RenderingError``; see :meth:`EnginePictures.play`."""
         if self._drawn != len(self._actions):
             begun, self._drawn = self._drawn, None
             episode = self._episode if begun is None else None

@@ -16,10 +16,9 @@ from gymnasium.vector.utils import batch_space
 from fbrl.checks.counts import check_count
 from fbrl.checks.memory import check_memory
 from fbrl.checks.names import check_name
-from fbrl.envs.arguments import check_actions, check_mask, check_options
+from fbrl.envs import arguments
 from fbrl.envs.engine import NUM_ACTIONS
-from fbrl.envs.episode_seeds import EpisodeSeeds, spread_seed
-from fbrl.envs.matches import RESULTS, Matches, MatchState
+from fbrl.envs.matches import RESULTS, Matches, MatchState, stating_what_is_no_match
 from fbrl.envs.observation import Observation, select_space
 from fbrl.envs.rendering import DRAWN_KEYS, RENDER_METADATA, check_render_mode, draw_from_above
 from fbrl.scenarios import check_scenario
@@ -30,28 +29,21 @@ ActionSet = Literal["default", "v2"]
 BYTES_PER_MATCH = 2**20
 """At least; those of 11 against 11 take up to 6 MB."""
 
-ChooseStart = Callable[[int], MatchState | None]
-
-ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
-
-
-def _at_the_beginning(engine_seed: int) -> None:
-    """Where episodes begin by default."""
+_ACTIONS_IN_SET = {"default": NUM_ACTIONS, "v2": NUM_ACTIONS + 1}
 
 
 class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     """Several independent matches of one scenario, stepped by the engine's threads.
 
-    These hold no Python lock, so that they are as parallel as processes, with no pickling, no
-    copies between processes and less memory. Match i plays exactly what a :class:`FootballEnv`
-    with the same seed and actions plays.
+    These hold no Python lock, so that they are as parallel as processes. Match i plays exactly what
+    a :class:`FootballEnv` with the same seed and actions plays.
 
     Args:
-        scenario: As for :class:`FootballEnv`.
+        scenario: As for :class:`FootballEnv`, like ``observation_keys``.
         num_envs: Number of matches.
         num_threads: Threads that step them; by default one for each available core, at most
             ``num_envs``.
-        observation_keys: As for :class:`FootballEnv`.
+        observation_keys: What is observed.
         action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
         render_mode: As for :class:`FootballEnv`; the matches are seen from above.
 
@@ -60,9 +52,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             :meth:`begin_from`; bool (num_envs,).
 
     Raises:
-        ValueError: ``num_envs`` or ``num_threads`` is not positive, or a key is unknown.
+        ValueError: ``num_envs`` or ``num_threads`` is not positive, or a name is unknown.
         TypeError: One of these is no integer, or the keys are no list of names.
-        UnknownNameError: There is no such scenario or render mode.
         EngineNotInstalledError: gfootball is missing.
         MissingExtraError: Packages that pictures need are missing.
 
@@ -89,30 +80,27 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         num_envs = check_count("num_envs", num_envs)
         if num_threads is not None:
             num_threads = check_count("num_threads", num_threads)
-        check_memory(
-            f"num_envs is {num_envs}: so many matches",
-            num_envs * BYTES_PER_MATCH,
-            "Ask for fewer.",
-        )
+        what = f"num_envs is {num_envs}: so many matches"
+        check_memory(what, num_envs * BYTES_PER_MATCH, "Ask for fewer.")
         self.scenario = check_scenario(scenario)
         self.num_envs = num_envs
         # TorchRL's GymWrapper asks the instance, not its metadata.
         self.autoreset_mode = AutoresetMode.DISABLED
         self.single_observation_space: spaces.Dict = select_space(observation_keys)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._num_actions = ACTIONS_IN_SET[check_name("action_set", action_set, ACTIONS_IN_SET)]
+        self._num_actions = _ACTIONS_IN_SET[check_name("action_set", action_set, _ACTIONS_IN_SET)]
         self.single_action_space = spaces.Discrete(self._num_actions)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
         self.render_mode = check_render_mode(render_mode)
         keys, drawn_keys = self.single_observation_space, DRAWN_KEYS if render_mode else ()
         self._matches = Matches(scenario, num_envs, self.num_threads, keys, drawn_keys)
-        self._episodes = [EpisodeSeeds() for _ in range(num_envs)]
-        # What each match begins at its end, while the other ones are still stepped.
-        self._next_episodes: list[EpisodeSeeds | None] = [None] * num_envs
-        self._choose_start: ChooseStart = _at_the_beginning
+        self._episodes = [arguments.EpisodeSeeds() for _ in range(num_envs)]
         self.begun_midway = np.zeros(num_envs, bool)
-        self._next_midway = np.zeros(num_envs, bool)
+        # What each match begins at its end, while the others are still stepped: the seeds of the
+        # episode, and whether it begins midway.
+        self._next: list[tuple[arguments.EpisodeSeeds, bool] | None] = [None] * num_envs
+        self._choose_start: Callable[[int], MatchState | None] = lambda engine_seed: None
 
     def reset(
         self,
@@ -129,16 +117,21 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
                 only the matches where it is true; the others are observed as they stand.
 
         Raises:
-            ValueError: A seed is out of range, the mask or the seeds have another length, or there
-                are other options.
-            RuntimeError: The environment is closed.
+            ValueError: A seed is out of range, a length is another, or there are other options.
         """
         self._check_open()
-        mask = check_mask(check_options(options, ("reset_mask",)).get("reset_mask"), self.num_envs)
-        seeds = spread_seed(seed, self.num_envs)
+        given = arguments.check_options(options, ("reset_mask",))
+        mask = arguments.check_mask(given.get("reset_mask"), self.num_envs)
+        seeds = arguments.spread_seed(seed, self.num_envs)
         chosen = np.flatnonzero(mask).tolist()
         for index in chosen:
-            self._choose_episode(index, seeds[index])
+            if seeds[index] is None and self._next[index]:
+                self._go_on(index)
+            else:
+                episode = self._episodes[index]
+                episode.advance(seeds[index])
+                self._matches.prepare(index, episode.engine_seed, episode.number)
+                self.begun_midway[index] = False
         self._matches.begin(chosen)
         for index in chosen:
             self._prepare_next(index)
@@ -154,16 +147,13 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Plays one step in every match.
 
-        Args:
-            actions: Integers in [0, 18] (19 with action set v2), shape (num_envs,).
-
         Raises:
-            ValueError: The actions have another shape, dtype or range.
+            ValueError: The actions are not integers in [0, 18] (19 with action set v2) of shape
+                (num_envs,).
             RuntimeError: A match has not begun or has ended, or the environment is closed.
         """
-        self._check_open()
-        actions = check_actions(actions, self.num_envs, self._num_actions)
-        self._check_none_ended(self._matches.not_running(), "step()")
+        actions = arguments.check_actions(actions, self.num_envs, self._num_actions)
+        self._check_running("step()")
         self._matches.step(range(self.num_envs), actions.tolist())
         results = [self._matches.arrays[key].copy() for key in RESULTS]
         return self._matches.observe(), *results, self._info()
@@ -171,9 +161,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
     def make_rows(self, arrays: Mapping[str, np.ndarray]) -> Any:
         """Arrays for :meth:`send_step` to write to, checked once.
 
-        Args:
-            arrays: By names of observation keys, or ``reward``, ``terminated``, ``truncated``; of
-                shape (num_envs, ...), the first axis with any stride.
+        They are named by observation keys, ``reward``, ``terminated`` or ``truncated``, and of
+        shape (num_envs, ...), the first axis with any stride.
         """
         return self._matches.make_rows(arrays)
 
@@ -187,60 +176,44 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         Args:
             matches: Their numbers; none of them is being played.
             actions: One of each.
-            rows: From :meth:`make_rows`: what the step leads to.
-            next_rows: From :meth:`make_rows`: what the next step begins with.
+            rows: What the step leads to, from :meth:`make_rows`.
+            next_rows: What the next step begins with, likewise.
 
         Returns:
-            What to ``wait()`` for before the arrays are read. Then the matches whose episode has
-            ended are to be named to :meth:`begun_anew`.
+            What to ``wait()`` for; then :meth:`begun_anew` is to be told whose episodes ended.
         """
         return self._matches.native.send_step(matches, actions, rows, next_rows)
 
     def begun_anew(self, matches: Iterable[int]) -> None:
-        """Goes on to the episodes that matches have begun by themselves, see :meth:`send_step`."""
+        """Notes which matches have begun their next episodes in :meth:`send_step`."""
         for index in matches:
-            episode = self._next_episodes[index]
-            assert episode is not None
-            self._episodes[index] = episode
-            self.begun_midway[index] = self._next_midway[index]
+            self._go_on(index)
             self._matches.begun_anew([index])
             self._prepare_next(index)
 
-    def begin_from(self, choose_start: ChooseStart) -> None:
+    def begin_from(self, choose_start: Callable[[int], MatchState | None]) -> None:
         """Says where episodes begin from now on, but for those that are given a seed.
 
         Args:
             choose_start: Given the engine seed with which an episode would begin, returns a state
                 of an earlier episode of this scenario in which it is to begin, or None.
-
-        Raises:
-            RuntimeError: A match has not begun or has ended.
         """
-        self._check_open()
-        self._check_none_ended(self._matches.not_running(), "begin_from()")
+        self._check_running("begin_from()")
         self._choose_start = choose_start
         for index in range(self.num_envs):
             self._prepare_next(index)
 
     def match_states(self) -> list[MatchState]:
-        """The state of each match, which has to be running.
-
-        Raises:
-            RuntimeError: A match has not begun or has ended.
-        """
-        return self._states("match_states()")
+        """The state of each match, which has to be running."""
+        self._check_running("get_state()")
+        return [self._matches.get_state(index) for index in range(self.num_envs)]
 
     def disturb(self, disturbance: Any) -> None:
         """Puts something in the place of steps: the engine's ``Disturbance``, or None to end it."""
         self._matches.native.disturb(disturbance)
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Draws what each match came to last, see :meth:`FootballEnv.render`.
-
-        Returns:
-            For each match red, green and blue, uint8 (height, width, 3); ``None`` without a render
-            mode.
-        """
+        """Draws each match as :meth:`FootballEnv.render` does; ``None`` without a render mode."""
         if self.render_mode is None:
             return None
         arrays = self._matches.arrays
@@ -253,9 +226,6 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """The state of each match, which has to be running, and of its next episodes' seeds.
 
         Numbers, strings and bytes; 30 to 80 KB for each match.
-
-        Raises:
-            RuntimeError: A match has not begun or has ended.
         """
         return [
             {
@@ -263,7 +233,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
                 "episodes": self._episodes[index].get_state(),
                 "begun_midway": bool(self.begun_midway[index]),
             }
-            for index, match in enumerate(self._states("get_state()"))
+            for index, match in enumerate(self.match_states())
         ]
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> Observation:
@@ -271,10 +241,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
 
         Args:
             states: Of as many matches of this scenario, from a source that is trusted: see
-                :meth:`fbrl.envs.matches.Matches.set_state`.
-
-        Returns:
-            What is observed of them.
+                :meth:`fbrl.envs.matches.Matches.prepare_state`.
 
         Raises:
             ValueError: They are not, as far as can be seen.
@@ -283,7 +250,12 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             number = len(states) if isinstance(states, Sequence) else repr(states)
             raise ValueError(f"There are states of {number} matches for {self.num_envs} matches.")
         for index, state in enumerate(states):
-            self._set_match_state(index, state)
+            with stating_what_is_no_match(f"State {index}"):
+                self._matches.set_state(index, MatchState(**state["match"]))
+                self._episodes[index].set_state(state["episodes"])
+                # Before there were any, nothing was said of it.
+                self.begun_midway[index] = state.get("begun_midway", False)
+                self._prepare_next(index)
         return self._matches.observe()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> FootballVectorEnv:
@@ -298,56 +270,34 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self._matches.close()
 
     def _info(self) -> dict[str, np.ndarray]:
-        """The seed of each match's episode; that all of them are told, in Gymnasium's way."""
+        # Gymnasium's mask says that all are told.
         seeds = np.array([seed for seed, _ in self._matches.episodes], np.int64)
         return {"engine_seed": seeds, "_engine_seed": np.ones(self.num_envs, bool)}
-
-    def _states(self, call: str) -> list[MatchState]:
-        self._check_open()
-        self._check_none_ended(self._matches.not_running(), call)
-        return [self._matches.get_state(index) for index in range(self.num_envs)]
 
     def _check_open(self) -> None:
         if self.closed:
             raise RuntimeError(f"The matches of {self.scenario!r} are closed: make new ones.")
 
-    def _check_none_ended(self, ended: Iterable[int], call: str) -> None:
-        if numbers := sorted(ended):
+    def _check_running(self, call: str) -> None:
+        self._check_open()
+        if ended := self._matches.not_running():
             raise RuntimeError(
-                f"Matches {numbers} of {self.scenario!r} have not begun or have ended: call "
+                f"Matches {ended} of {self.scenario!r} have not begun or have ended: call "
                 f"reset(options={{'reset_mask': mask}}) for them before {call}."
             )
 
-    def _choose_episode(self, index: int, seed: int | None) -> None:
-        """Goes on to the episode that comes next, or to the first one of a seed."""
-        if seed is None and (episode := self._next_episodes[index]):
-            self._episodes[index] = episode
-            self.begun_midway[index] = self._next_midway[index]
-            return
-        self.begun_midway[index] = False
-        self._episodes[index].advance(seed)
-        self._prepare(index, self._episodes[index])
+    def _go_on(self, index: int) -> None:
+        """Goes on to the episode that is prepared."""
+        prepared = self._next[index]
+        assert prepared is not None
+        self._episodes[index], self.begun_midway[index] = prepared
 
     def _prepare_next(self, index: int) -> None:
         episode = copy.deepcopy(self._episodes[index])
         episode.advance()
         start = self._choose_start(episode.engine_seed)
         if start is None:
-            self._prepare(index, episode)
+            self._matches.prepare(index, episode.engine_seed, episode.number)
         else:
             self._matches.prepare_state(index, start)
-        self._next_episodes[index], self._next_midway[index] = episode, start is not None
-
-    def _prepare(self, index: int, episode: EpisodeSeeds) -> None:
-        self._matches.prepare(index, episode.engine_seed, episode.number)
-
-    def _set_match_state(self, index: int, state: Mapping[str, Any]) -> None:
-        try:
-            self._matches.set_state(index, MatchState(**state["match"]))
-            self._episodes[index].set_state(state["episodes"])
-            # Before there were any, nothing was said of it.
-            self.begun_midway[index] = state.get("begun_midway", False)
-            self._prepare_next(index)
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            reason = f"{type(error).__name__}: {error}"
-            raise ValueError(f"State {index} is not that of a match ({reason}).") from error
+        self._next[index] = episode, start is not None
