@@ -6,7 +6,7 @@ imported before an environment is made.
 
 from typing import TYPE_CHECKING, Any
 
-from fbrl.registration import register_scenarios
+from fbrl.scenarios import register_scenarios
 
 if TYPE_CHECKING:
     from fbrl.agent import load_agent

@@ -21,19 +21,16 @@ from fbrl.run_files import CHECKPOINTS
 
 @dataclass(frozen=True)
 class Agent:
-    """A trained network and what it was trained with.
-
-    Attributes:
-        config: The training's configuration.
-        frames: Frames that it was trained on.
-        model: The network, on the device that was asked for.
-        run_dir: The directory of its run; None for a checkpoint that lies elsewhere.
-    """
+    """A trained network and what it was trained with."""
 
     config: TrainConfig
+    """Of the training."""
     frames: int
+    """That it was trained on."""
     model: ActorCritic
+    """The network, on the device that was asked for."""
     run_dir: Path | None = None
+    """The directory of its run; None for a checkpoint that lies elsewhere."""
 
 
 def load_agent(path: Path | str, device: torch.device | str = "cpu") -> Agent:
@@ -69,7 +66,11 @@ def load_agent(path: Path | str, device: torch.device | str = "cpu") -> Agent:
         raise CheckpointError(
             f"The checkpoint at {path} is not that of a training ({reason[:200]})."
         ) from error
-    return Agent(config, frames, model, _run_dir(path))
+    run_dir: Path | None = path
+    if not path.is_dir():
+        parent = path.resolve().parent
+        run_dir = parent.parent if parent.name == CHECKPOINTS else None
+    return Agent(config, frames, model, run_dir)
 
 
 def save_agent(agent: Agent, path: Path | str) -> None:
@@ -90,19 +91,12 @@ def save_agent(agent: Agent, path: Path | str) -> None:
     if not str(began_with).startswith(PREFIX):
         began_with = None
     config = dataclasses.replace(config, run_dir=None, initial_weights=began_with)
-    save_checkpoint(
-        Path(path),
-        config=config_to_dict(config),
-        frames=agent.frames,
-        model=agent.model.state_dict(),
-    )
+    weights = agent.model.state_dict()
+    save_checkpoint(Path(path), config=config_to_dict(config), frames=agent.frames, model=weights)
 
 
 def _check_shapes(config: TrainConfig, weights: dict[str, torch.Tensor]) -> None:
-    """Compares the weights with those of a network that takes neither time nor memory to make.
-
-    Otherwise a few bytes of a configuration could ask for layers of gigabytes.
-    """
+    """Refuses other weights before there is a network, for which a file may ask gigabytes."""
     expected = make_model(config, torch.device("meta")).state_dict()
     if weights.keys() != expected.keys():
         raise ValueError("its weights are not those of the network in its configuration")
@@ -111,10 +105,3 @@ def _check_shapes(config: TrainConfig, weights: dict[str, torch.Tensor]) -> None
             raise ValueError(
                 f"{name} has shape {tuple(weight.shape)}, not {tuple(expected[name].shape)}"
             )
-
-
-def _run_dir(path: Path) -> Path | None:
-    if path.is_dir():
-        return path
-    is_in_run = path.resolve().parent.name == CHECKPOINTS
-    return path.resolve().parent.parent if is_in_run else None

@@ -33,20 +33,15 @@ _DIRECTORIES = (
 def preload_tcmalloc(program: str) -> None:
     """Starts this process anew with tcmalloc; returns where that was done or is not possible.
 
-    The process keeps its id, its arguments and everything else that a parent sees. What was
-    imported is imported again: call this before long imports.
-
-    Args:
-        program: Name of the command. Nothing happens in a process that is another one, such as a
-            test or a notebook that calls the command's function.
+    The process keeps its id, its arguments and everything else that a parent sees. Nothing happens
+    in a process that is no such command, as a test or a notebook that calls the command's function.
     """
     is_program = sys.orig_argv[-len(sys.argv) :] == sys.argv and Path(sys.argv[0]).name == program
-    if not is_program or reason_against_tcmalloc(os.environ) is not None:
-        return
-    sys.stdout.flush()
-    sys.stderr.flush()
-    command = [sys.executable, *sys.orig_argv[1:]]
-    os.execve(sys.executable, command, environment_with_tcmalloc(os.environ))
+    if is_program and reason_against_tcmalloc(os.environ) is None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        command = [sys.executable, *sys.orig_argv[1:]]
+        os.execve(sys.executable, command, environment_with_tcmalloc(os.environ))
 
 
 def reason_against_tcmalloc(environment: Mapping[str, str]) -> str | None:

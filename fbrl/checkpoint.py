@@ -16,8 +16,6 @@ from fbrl.run_files import CHECKPOINT_NAME, PREVIOUS_NAME
 
 FORMAT_VERSION = 2
 
-_PLAIN_TYPES = (type(None), bool, int, float, str)
-
 
 class CheckpointError(ValueError):
     """Raised for a file that is no checkpoint, is damaged, or is of a newer version."""
@@ -36,16 +34,13 @@ def save_checkpoint(path: Path, *, keep_as: Path | None = None, **content: Any) 
     Args:
         path: File to write or replace; its directory is made.
         keep_as: Where the file that is replaced goes; by default it is deleted.
-        content: Tensors, numbers, strings, and lists and dictionaries of them.
-
-    Raises:
-        TypeError: There is something else in it, which could not be read back.
-        OSError: The file can't be written.
+        content: Tensors, numbers, strings, and lists and dictionaries of them; a ``TypeError`` for
+            anything else, which could not be read back.
     """
-    header = {"format_version": FORMAT_VERSION, "sha256": _digest(content)}
     # On a full disk torch.save itself would raise a RuntimeError about its own archive.
     whole = io.BytesIO()
-    torch.save({**header, **content}, whole)
+    header = {"format_version": FORMAT_VERSION, "sha256": _digest(content)}
+    torch.save(header | content, whole)
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path, keep_as) as file:
         file.write(whole.getbuffer())
@@ -56,10 +51,10 @@ def load_checkpoint(
     device: torch.device | str = "cpu",
     on_warning: Callable[[str], None] = lambda line: warnings.warn(line, stacklevel=3),
 ) -> dict[str, Any]:
-    """Reads a checkpoint.
+    """Reads a checkpoint; nothing in the file is ever executed.
 
-    Nothing in the file is ever executed. Format 1, which had no digest and no state of the
-    matches, is read too: ``config``, ``frames`` and ``model`` have not changed since.
+    Format 1, which had no digest and no state of the matches, is read too: ``config``, ``frames``
+    and ``model`` have not changed since.
 
     Args:
         path: A checkpoint, or the directory of a run: its latest one, or where that is damaged
@@ -104,18 +99,15 @@ def _read(file: Path, device: torch.device | str) -> dict[str, Any]:
             "upgrade fbrl."
         )
     digest = content.pop("sha256", None)
+    saved = {name: value for name, value in content.items() if name != "format_version"}
     is_whole = _is_plausible(content, file.stat().st_size)
-    if not is_whole or (version > 1 and not _matches(digest, content)):
+    try:
+        is_whole = is_whole and (version == 1 or digest == _digest(saved))
+    except Exception:  # something in it is never saved
+        is_whole = False
+    if not is_whole:
         raise DamagedCheckpointError(f"{file} is damaged: its content is not what was saved.")
     return content
-
-
-def _matches(digest: Any, content: Mapping[str, Any]) -> bool:
-    saved = {name: value for name, value in content.items() if name != "format_version"}
-    try:
-        return digest == _digest(saved)
-    except Exception:  # something that is never saved
-        return False
 
 
 def _is_plausible(content: Mapping[str, Any], file_size: int) -> bool:
@@ -126,43 +118,40 @@ def _is_plausible(content: Mapping[str, Any], file_size: int) -> bool:
     """
     left: list[Any] = [content]
     entries = 0
-    while left:
+    while left and entries <= file_size:  # each takes at least one byte
         value = left.pop()
         if isinstance(value, torch.Tensor) and value.numel() * value.element_size() > file_size:
             return False
         if isinstance(value, (Mapping, list, tuple)):
             entries += len(value)
-            # Each takes at least one byte.
-            if entries > file_size:
-                return False
             left += [*value.keys(), *value.values()] if isinstance(value, Mapping) else value
-    return True
+    return entries <= file_size
 
 
 def _digest(content: Mapping[str, Any]) -> str:
     """The SHA-256 of a content as hexadecimal digits, whichever order its names are in."""
-    digest = hashlib.sha256()
-    _add(digest, content)
+    digest: Any = hashlib.sha256()
+
+    def add(value: Any) -> None:
+        # Each value with its kind and size, so that no two contents are written alike.
+        if isinstance(value, torch.Tensor):
+            digest.update(f"tensor {value.dtype} {tuple(value.shape)} ".encode())
+            flat = value.detach().cpu().contiguous().reshape(-1)
+            digest.update(flat.view(torch.uint8).numpy())
+        elif isinstance(value, Mapping):
+            digest.update(f"mapping {len(value)} ".encode())
+            for name in sorted(value, key=repr):
+                add(name)
+                add(value[name])
+        elif isinstance(value, (list, tuple)):
+            digest.update(f"sequence {len(value)} ".encode())
+            for entry in value:
+                add(entry)
+        elif value is None or type(value) in (bool, int, float, str):
+            text = repr(value).encode()
+            digest.update(f"{len(text)} ".encode() + text)
+        else:
+            raise TypeError(f"A checkpoint can't hold {value!r}, a {type(value).__name__}.")
+
+    add(content)
     return digest.hexdigest()
-
-
-def _add(digest: Any, value: Any) -> None:
-    # Each value with its kind and size, so that no two contents are written alike.
-    if isinstance(value, torch.Tensor):
-        digest.update(f"tensor {value.dtype} {tuple(value.shape)} ".encode())
-        flat = value.detach().cpu().contiguous().reshape(-1)
-        digest.update(flat.view(torch.uint8).numpy())
-    elif isinstance(value, Mapping):
-        digest.update(f"mapping {len(value)} ".encode())
-        for name in sorted(value, key=repr):
-            _add(digest, name)
-            _add(digest, value[name])
-    elif isinstance(value, (list, tuple)):
-        digest.update(f"sequence {len(value)} ".encode())
-        for entry in value:
-            _add(digest, entry)
-    elif type(value) not in _PLAIN_TYPES:
-        raise TypeError(f"A checkpoint can't hold {value!r}, a {type(value).__name__}.")
-    else:
-        text = repr(value).encode()
-        digest.update(f"{len(text)} ".encode() + text)

@@ -24,6 +24,14 @@ class ConfigError(ValueError):
     """Raised for a value that no training can be run with, or that can't be imported."""
 
 
+def check_types(values: Any) -> None:
+    """Raises :class:`ConfigError` for a value of another type than its field of a dataclass."""
+    try:
+        check_field_types(values)
+    except FieldTypeError as error:
+        raise ConfigError(str(error)) from error
+
+
 @dataclass(frozen=True)
 class Options:
     """Of a component: none, but for what a subclass has."""
@@ -39,7 +47,6 @@ class DensityOptions(Options):
     density: str | None = field(default=None, metadata={"values": "FILE|uniform|mirrored|shuffled"})
     """File of the assist densities (see fbrl-density fit), or uniform, mirrored or shuffled, the
     controls; by default those that fbrl ships."""
-
     weight: float = 1.0
     """Factor of what the densities pay."""
 
@@ -51,16 +58,12 @@ class AnalyticsOptions(DensityOptions):
     transition: Literal["possession", "consecutive"] = "possession"
     """What counts as a received pass: possession (the last controlled player with the ball was
     another one) or consecutive (the controlled player changed in this very step)."""
-
     start_weight: float = 1.0
     """Further factor of the start density; with 0 the end density pays alone."""
-
     end_weight: float = 1.0
     """That of the end density."""
-
     episode_cap: float | None = None
     """What the densities can pay in one match at most, in goals; by default there is no limit."""
-
     release_at_goal: bool = False
     """Withhold what the densities earn until the own team scores; without a goal it is lost."""
 
@@ -85,10 +88,8 @@ class ExpertMaskOptions(Options):
 
     shot_from_x: float = 0.64
     """Where the zone begins from which shots are allowed; it ends at the goal line."""
-
     shot_half_width: float = 0.27
     """Half the zone's width."""
-
     mask_idle: bool = False
     """Mask idle, too."""
 
@@ -107,7 +108,6 @@ class PixelsOptions(Options):
 
     height: int = 72
     """Of the picture, pixels."""
-
     width: int = 96
     """Likewise."""
 
@@ -118,7 +118,6 @@ class MLPOptions(Options):
 
     hidden_sizes: tuple[int, ...] = (256, 256)
     """Layer widths of the perceptron."""
-
     activation: Literal["relu", "tanh"] = "relu"
     """Its activation."""
 
@@ -141,26 +140,18 @@ class PlayerSetOptions(MLPOptions):
 
 @dataclass(frozen=True)
 class BuiltIn:
-    """A component of fbrl's own.
-
-    Attributes:
-        location: What makes it, as ``module:name``.
-        about: What it is, for a list of names.
-        options: A dataclass of its options, since its own arguments can't be read without
-            importing it; each is an argument of the same name.
-    """
+    """A component of fbrl's own."""
 
     location: str
+    """What makes it, as ``module:name``."""
     about: str
+    """What it is, for a list of names."""
     options: type[Options] = Options
+    """Arguments of what makes it, which can't be read without importing it."""
 
 
 class Registry:
     """The components of a kind: fbrl's own, those of installed packages, and ``module:Class``.
-
-    Args:
-        kind: "reward", say.
-        built_in: fbrl's own by their names.
 
     An installed package adds names with entry points of the group ``fbrl.<kind>s``, such as
     ``[project.entry-points."fbrl.rewards"] pressing = "my_package:PressingReward"``.
@@ -170,22 +161,18 @@ class Registry:
     has nothing imported or called.
     """
 
-    def __init__(self, kind: str, built_in: Mapping[str, BuiltIn]) -> None:
+    def __init__(self, kind: str, **built_in: BuiltIn) -> None:
         self.kind = kind
         self.built_in = built_in
 
     @property
     def names(self) -> tuple[str, ...]:
         """Those of fbrl, then those of installed packages."""
-        return (*self.built_in, *(name for name in self._installed() if name not in self.built_in))
+        return tuple(dict.fromkeys([*self.built_in, *self._installed()]))
 
     def check(self, name: str) -> None:
-        """Checks that there is such a name, or that it has the form ``module:Class``.
-
-        Raises:
-            UnknownNameError: There is none.
-        """
-        if name not in self.built_in and not _is_location(name):
+        """Raises ``UnknownNameError`` for what is neither a name nor ``module:Class``."""
+        if name not in self.built_in and module_of(name) is None:
             check_name(self.kind, name, (*self.names, "module:Class"))
 
     def check_options(self, name: str, values: Mapping[str, Any]) -> None:
@@ -194,32 +181,35 @@ class Registry:
         Raises:
             ConfigError: It has no such option, or one is of another type or out of range.
         """
-        if name in self.built_in or module_of(name) in _named:
-            self._check(name, values)
-
-    def without_defaults(self, name: str, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Those options of one of fbrl's own that differ from what they are anyway."""
-        defaults = self.with_defaults(name, {}) if name in self.built_in else {}
-        missing = object()
-        return {key: v for key, v in values.items() if defaults.get(key, missing) != v}
+        if name not in self.built_in and module_of(name) not in _named:
+            return
+        options = self.options(name)
+        known = {f.name: f for f in fields(options)}
+        self._check_known(name, values, known)
+        missing = [key for key, f in known.items() if f.default is MISSING and key not in values]
+        if missing:
+            raise ConfigError(f"The {self.kind} {name} needs the option {missing[0]}.")
+        given = options(**values)
+        check_types(given)
+        if isinstance(given, Options):
+            given.check()
 
     def with_defaults(self, name: str, values: Mapping[str, Any]) -> dict[str, Any]:
         """All options of one of fbrl's own; those of another as they are given."""
-        if name not in self.built_in:
-            return dict(values)
-        return {f.name: f.default for f in fields(self.built_in[name].options)} | dict(values)
+        own = fields(self.built_in[name].options) if name in self.built_in else ()
+        return {f.name: f.default for f in own} | dict(values)
+
+    def without_defaults(self, name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Those options of one of fbrl's own that differ from what they are anyway."""
+        defaults = self.with_defaults(name, {})
+        return {k: v for k, v in values.items() if k not in defaults or defaults[k] != v}
 
     def options(self, name: str) -> Any:
         """A dataclass of the options that a component has.
 
         fbrl's own are described in this module. Of others they are the arguments of what is called
-        that are numbers, texts, flags or lists of them.
-
-        Raises:
-            UnknownNameError: There is no such name.
-            ConfigError: It can't be imported.
+        that are numbers, texts, flags or lists of them. Raises what :meth:`load` raises.
         """
-        self.check(name)
         if name in self.built_in:
             return self.built_in[name].options
         return _options_of(self.load(name))
@@ -229,15 +219,22 @@ class Registry:
 
         Raises:
             UnknownNameError: There is no such name.
-            ConfigError: Its module is not imported, or has nothing of this name.
+            ConfigError: It can't be imported, or its module has nothing of this name.
         """
         self.check(name)
-        installed = {} if name in self.built_in else self._installed()
-        if name in installed:
-            return _loaded(installed[name])
-        location = self.built_in[name].location if name in self.built_in else name
+        location = name
+        if name in self.built_in:
+            location = self.built_in[name].location
+        elif point := self._installed().get(name):
+            try:
+                return typing.cast("Callable[..., Any]", point.load())
+            except Exception as error:  # whatever the package's code raises
+                raise ConfigError(
+                    f"{point.value}, which a package installed as {name}, can't be imported: "
+                    f"{error}."
+                ) from error
         module, _, attribute = location.partition(":")
-        if name not in self.built_in and module not in _named:
+        if location == name and module not in _named:
             raise ConfigError(
                 f"The {self.kind} is {name}, but nothing is imported that only a file names. If "
                 f"you trust {module}, add --import {module} (in Python: "
@@ -249,44 +246,27 @@ class Registry:
         return typing.cast("Callable[..., Any]", found)
 
     def make(self, name: str, options: Mapping[str, Any], *given: Any, **context: Any) -> Any:
-        """Makes the component.
+        """Makes the component; raises what :meth:`load` does, and whatever it raises itself.
 
         Args:
             name: Which one.
-            options: Its options.
+            options: Its options; a :class:`ConfigError` for one that it hasn't.
             given: Its first arguments.
             context: What it is told where it has an argument of this name that is no option, such
                 as ``gamma``, the discount of the training.
-
-        Raises:
-            UnknownNameError: There is no such name.
-            ConfigError: It can't be imported, or has no such option.
-            Exception: Whatever it raises itself.
         """
         component = self.load(name)
         taken = inspect.signature(component).parameters
-        for option in options:
-            if option not in taken:
-                raise _unknown_option(self.kind, name, option, self.options(name))
+        self._check_known(name, options, taken)
         told = {key: value for key, value in context.items() if key in taken}
         return component(*given, **told, **options)
 
-    def _check(self, name: str, values: Mapping[str, Any]) -> None:
-        options = self.options(name)
-        known = {f.name: f for f in fields(options)}
-        for option in values:
+    def _check_known(self, name: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> None:
+        for option in given:
             if option not in known:
-                raise _unknown_option(self.kind, name, option, options)
-        missing = [key for key, f in known.items() if f.default is MISSING and key not in values]
-        if missing:
-            raise ConfigError(f"The {self.kind} {name} needs the option {missing[0]}.")
-        given = options(**values)
-        try:
-            check_field_types(given)
-        except FieldTypeError as error:
-            raise ConfigError(str(error)) from error
-        if name in self.built_in:
-            given.check()
+                names = [f.name for f in fields(self.options(name))]
+                has = f"it has {', '.join(names)}" if names else "it has none"
+                raise ConfigError(f"The {self.kind} {name} has no option {option!r:.80}: {has}.")
 
     def _installed(self) -> dict[str, EntryPoint]:
         return {point.name: point for point in entry_points(group=f"fbrl.{self.kind}s")}
@@ -294,41 +274,37 @@ class Registry:
 
 REWARDS = Registry(
     "reward",
-    {
-        "analytics": BuiltIn(
-            "fbrl.transforms:AssistDensityReward",
-            "goals, and having the ball where real assists are made",
-            AnalyticsOptions,
-        ),
-        "potential": BuiltIn(
-            "fbrl.transforms:AssistDensityPotential",
-            "the same densities as a potential, which leaves the best policy that of goals",
-            PotentialOptions,
-        ),
-        "checkpoints": BuiltIn(
-            "fbrl.transforms:CheckpointReward", "gfootball's ten rewards on the way to the goal"
-        ),
-        "scoring": BuiltIn("fbrl.transforms:ScoringReward", "goals alone"),
-    },
+    analytics=BuiltIn(
+        "fbrl.transforms:AssistDensityReward",
+        "goals, and having the ball where real assists are made",
+        AnalyticsOptions,
+    ),
+    potential=BuiltIn(
+        "fbrl.transforms:AssistDensityPotential",
+        "the same densities as a potential, which leaves the best policy that of goals",
+        PotentialOptions,
+    ),
+    checkpoints=BuiltIn(
+        "fbrl.transforms:CheckpointReward", "gfootball's ten rewards on the way to the goal"
+    ),
+    scoring=BuiltIn("fbrl.transforms:ScoringReward", "goals alone"),
 )
 """Subclasses of :class:`fbrl.transforms.ScoringReward`; ``gamma`` is the training's discount."""
 
 OBSERVATIONS = Registry(
     "observation",
-    {
-        "simple115": BuiltIn("fbrl.transforms:Simple115", "115 numbers"),
-        "players": BuiltIn(
-            "fbrl.transforms.players:players_with_memory",
-            "274 numbers relative to the controlled player",
-        ),
-        "minimap": BuiltIn(
-            "fbrl.transforms:MiniMapCells", "stacked mini maps as cell indices", FramesOptions
-        ),
-        "smm": BuiltIn("fbrl.transforms:SuperMiniMap", "the same as dense planes", FramesOptions),
-        "pixels": BuiltIn(
-            "fbrl.transforms:Pixels", "a small picture of the match from above", PixelsOptions
-        ),
-    },
+    simple115=BuiltIn("fbrl.transforms:Simple115", "115 numbers"),
+    players=BuiltIn(
+        "fbrl.transforms.players:players_with_memory",
+        "274 numbers relative to the controlled player",
+    ),
+    minimap=BuiltIn(
+        "fbrl.transforms:MiniMapCells", "stacked mini maps as cell indices", FramesOptions
+    ),
+    smm=BuiltIn("fbrl.transforms:SuperMiniMap", "the same as dense planes", FramesOptions),
+    pixels=BuiltIn(
+        "fbrl.transforms:Pixels", "a small picture of the match from above", PixelsOptions
+    ),
 )
 """TorchRL transforms, such as :class:`fbrl.transforms.RawObservationTransform`'s subclasses; the
 network reads the last key that they write."""
@@ -338,30 +314,24 @@ PICTURES = ("minimap", "smm", "pixels")
 
 MASKS = Registry(
     "mask",
-    {
-        "engine": BuiltIn(
-            "fbrl.transforms:EngineActionMask", "those that the engine ignores in a state"
-        ),
-        "expert": BuiltIn(
-            "fbrl.transforms:ExpertActionMask",
-            "these, and what experts of this environment rule out, such as shots from afar",
-            ExpertMaskOptions,
-        ),
-    },
+    engine=BuiltIn("fbrl.transforms:EngineActionMask", "those that the engine ignores in a state"),
+    expert=BuiltIn(
+        "fbrl.transforms:ExpertActionMask",
+        "these, and what experts of this environment rule out, such as shots from afar",
+        ExpertMaskOptions,
+    ),
 )
 """TorchRL transforms that write ``action_mask``, bool (..., 19)."""
 
 NETWORKS = Registry(
     "network",
-    {
-        "mlp": BuiltIn("fbrl.models:MLP", "a perceptron", MLPOptions),
-        "player_set": BuiltIn(
-            "fbrl.models:PlayerSet",
-            "team-mates and opponents of the observation players as sets",
-            PlayerSetOptions,
-        ),
-        "impala": BuiltIn("fbrl.models:ImpalaCNN", "the convolutions of gfootball's paper"),
-    },
+    mlp=BuiltIn("fbrl.models:MLP", "a perceptron", MLPOptions),
+    player_set=BuiltIn(
+        "fbrl.models:PlayerSet",
+        "team-mates and opponents of the observation players as sets",
+        PlayerSetOptions,
+    ),
+    impala=BuiltIn("fbrl.models:ImpalaCNN", "the convolutions of gfootball's paper"),
 )
 """Modules from an observation (..., *shape) to features (..., n); the first argument is shape."""
 
@@ -370,10 +340,8 @@ COMPONENTS = {"reward": REWARDS, "observation": OBSERVATIONS, "mask": MASKS, "ne
 
 LOGGERS = Registry(
     "logger",
-    {
-        "wandb": BuiltIn("fbrl.monitor.services:open_wandb", "Weights & Biases"),
-        "mlflow": BuiltIn("fbrl.monitor.services:open_mlflow", "MLflow"),
-    },
+    wandb=BuiltIn("fbrl.monitor.services:open_wandb", "Weights & Biases"),
+    mlflow=BuiltIn("fbrl.monitor.services:open_mlflow", "MLflow"),
 )
 """Take a run's directory and the service's name of the run, and return a
 :class:`fbrl.monitor.services.Service`."""
@@ -404,22 +372,9 @@ def import_modules(modules: Iterable[str]) -> None:
 
 def module_of(name: str | None) -> str | None:
     """The module of a ``module:Class``; None for another name."""
-    return name.partition(":")[0] if name is not None and _is_location(name) else None
-
-
-def _is_location(name: str) -> bool:
-    module, colon, attribute = str(name).partition(":")
-    is_dotted = all(part.isidentifier() for part in module.split("."))
-    return bool(colon) and is_dotted and attribute.isidentifier()
-
-
-def _loaded(point: EntryPoint) -> Callable[..., Any]:
-    try:
-        return typing.cast("Callable[..., Any]", point.load())
-    except Exception as error:  # whatever the package's code raises
-        raise ConfigError(
-            f"{point.value}, which a package installed as {point.name}, can't be imported: {error}."
-        ) from error
+    module, _, attribute = str(name).partition(":")
+    is_location = all(part.isidentifier() for part in (*module.split("."), attribute))
+    return module if is_location else None
 
 
 def _options_of(component: Callable[..., Any]) -> Any:
@@ -432,20 +387,11 @@ def _options_of(component: Callable[..., Any]) -> Any:
         ) from error
     options: list[Any] = []
     for name, parameter in inspect.signature(component).parameters.items():
-        if name not in hints or not is_plain(hints[name]):
+        # The first two come from the training, so that a run has one of each.
+        if name in ("gamma", "observation_shape") or not is_plain(hints.get(name)):
             continue
-        if parameter.default is parameter.empty:
-            options.append((name, hints[name], field(kw_only=True)))
-        else:
-            options.append((name, hints[name], field(default=parameter.default, kw_only=True)))
-    # These come from the training, so that a run has one of each.
-    named = [option for option in options if option[0] not in ("gamma", "observation_shape")]
+        default = MISSING if parameter.default is parameter.empty else parameter.default
+        options.append((name, hints[name], field(default=default, kw_only=True)))
     return make_dataclass(
-        component.__name__, named, namespace={"__doc__": component.__doc__}, frozen=True
+        component.__name__, options, namespace={"__doc__": component.__doc__}, frozen=True
     )
-
-
-def _unknown_option(kind: str, name: str, option: str, options: Any) -> ConfigError:
-    names = [f.name for f in fields(options)]
-    has = f"it has {', '.join(names)}" if names else "it has none"
-    return ConfigError(f"The {kind} {name} has no option {option!r:.80}: {has}.")

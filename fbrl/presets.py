@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 from fbrl.checks.names import check_name
-from fbrl.config import PPOConfig, TrainConfig, check_types
+from fbrl.components import check_types
+from fbrl.config import PPOConfig, TrainConfig
 from fbrl.scenarios import SCENARIOS
 
 PRESETS = {
@@ -47,12 +47,10 @@ _THESIS_FULL_MATCH = dataclasses.replace(
 
 
 def preset_config(preset: str, scenario: str) -> TrainConfig:
-    """The configuration that a preset gives for a scenario.
+    """The configuration that a preset gives for a scenario; light has the defaults.
 
-    Args:
-        preset: A key of :data:`PRESETS`; light has the defaults of :class:`TrainConfig`.
-        scenario: The thesis has other hyperparameters for 11 against 11, and matches of 3000 steps
-            are evaluated less often and with fewer of them.
+    The thesis has other hyperparameters for 11 against 11, and matches of 3000 steps are evaluated
+    less often and with fewer of them.
 
     Raises:
         UnknownNameError: There is no preset of this name.
@@ -77,11 +75,7 @@ def nearest_preset(config: TrainConfig) -> str:
 
     def shared(preset: str) -> int:
         base = preset_config(preset, config.scenario)
-        pairs: list[tuple[Any, Any]] = [(config, base), (config.ppo, base.ppo)]
-        return sum(
-            getattr(mine, entry.name) == getattr(its, entry.name)
-            for mine, its in pairs
-            for entry in dataclasses.fields(mine)
-        )
+        its = vars(base) | vars(base.ppo)
+        return sum(its[name] == value for name, value in (vars(config) | vars(config.ppo)).items())
 
     return max(PRESETS, key=shared)

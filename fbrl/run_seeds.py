@@ -13,26 +13,16 @@ def other_seed(seed: int) -> int:
 
 
 def fresh_seed(config: TrainConfig | None, scenario: str, seed: int) -> int:
-    """The seed of an agent's evaluation: another one where its training began with these matches.
+    """The seed of an evaluation in a scenario: another one if the training began with this one.
 
-    That is so in the scenario that it was trained on, with the seed of its training.
-
-    Args:
-        config: The training; None for a policy that was not trained.
-        scenario: Where the evaluation plays.
-        seed: What is asked for.
+    ``config`` is the training; None for a policy that was not trained.
     """
     is_trainings = config is not None and (scenario, seed) == (config.scenario, config.seed)
     return other_seed(seed) if is_trainings else seed
 
 
 def seed_after_crashes(seed: int, crashes: int) -> int:
-    """The seed with which a training goes on after a crash: another one after each.
-
-    Args:
-        seed: The training's own, which it is as long as there was no crash.
-        crashes: How many there were.
-    """
+    """The seed with which a training goes on after some crashes: another one after each."""
     if not crashes:
         return seed
     return int(np.random.SeedSequence([seed, crashes]).generate_state(1)[0])

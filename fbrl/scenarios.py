@@ -1,4 +1,4 @@
-"""The scenarios that gfootball ships: who plays, for how long, and what ends an episode."""
+"""The scenarios that gfootball ships, and their Gymnasium ids ``fbrl/<scenario>-v0``."""
 
 from __future__ import annotations
 
@@ -7,35 +7,38 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
 
 from fbrl.checks.names import check_name
+
+if TYPE_CHECKING:
+    from fbrl.envs.vector_env import FootballVectorEnv
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """One scenario module of gfootball 2.10.2.
-
-    Attributes:
-        name: Module name in ``gfootball/scenarios``.
-        left_players: Players of the controlled team, keeper included.
-        right_players: Players of the opponents.
-        duration: Time limit in steps of 100 ms.
-        right_difficulty: Skill of the opponents' built-in player, in [0, 1].
-        ends_on_score: A goal ends the episode.
-        ends_on_out_of_play: Any stop of the game (ball out, foul, ...) ends the episode.
-        ends_on_possession_change: So does losing, or winning, the ball.
-        alternating_kick_off: The left team kicks off in every other episode, the first included.
-    """
+    """One scenario module of gfootball 2.10.2."""
 
     name: str
+    """Module name in ``gfootball/scenarios``."""
     left_players: int
+    """Of the controlled team, keeper included."""
     right_players: int
+    """Of the opponents."""
     duration: int = 400
+    """Time limit in steps of 100 ms."""
     right_difficulty: float = 0.6
+    """Skill of the opponents' built-in player, in [0, 1]."""
     ends_on_score: bool = True
+    """A goal ends the episode."""
     ends_on_out_of_play: bool = True
+    """Any stop of the game (ball out, foul, ...) ends the episode."""
     ends_on_possession_change: bool = True
+    """So does losing, or winning, the ball."""
     alternating_kick_off: bool = False
+    """The left team kicks off in every other episode, the first included."""
 
     @property
     def max_steps(self) -> int:
@@ -98,9 +101,9 @@ SCENARIO_GROUPS: dict[str, tuple[str, ...]] = {
         "11_vs_11_stochastic",
     ),
 }
-"""Names for several scenarios at once: those of the academy, and those of the thesis (*Enhancing
-football simulation performance in deep reinforcement learning through analytics-based dense reward
-shaping*, University of Groningen), which calls the last one medium."""
+"""Names for several scenarios at once. The thesis (*Enhancing football simulation performance in
+deep reinforcement learning through analytics-based dense reward shaping*, University of Groningen)
+calls the last of its own medium."""
 
 
 def expand_scenarios(names: Iterable[str]) -> list[str]:
@@ -109,39 +112,30 @@ def expand_scenarios(names: Iterable[str]) -> list[str]:
     Raises:
         UnknownNameError: There is no scenario or group of a name.
     """
-    scenarios = [
-        scenario
-        for name in names
-        for scenario in SCENARIO_GROUPS.get(name) or (_check_scenario_or_group(name),)
-    ]
+    scenarios: list[str] = []
+    for name in names:
+        if name not in SCENARIO_GROUPS and not _exists(name):
+            check_name("scenario", name, [*SCENARIOS, *SCENARIO_GROUPS])
+        scenarios += SCENARIO_GROUPS.get(name, (name,))
     return list(dict.fromkeys(scenarios))
 
 
 def check_scenario(name: str) -> str:
-    """Returns the name of an existing scenario, one of :data:`SCENARIOS` or the user's own.
+    """Returns the name of an existing scenario, one of :data:`SCENARIOS` or of one's own.
 
-    A scenario of one's own is a module in gfootball's ``scenarios`` package, as upstream's
-    documentation describes.
+    That is a module in gfootball's ``scenarios`` package, as upstream's documentation describes.
 
     Raises:
         UnknownNameError: There is none of this name.
     """
-    if _exists(name):
-        return name
-    return check_name("scenario", name, SCENARIOS)
-
-
-def _check_scenario_or_group(name: str) -> str:
-    if _exists(name):
-        return name
-    return check_name("scenario", name, [*SCENARIOS, *SCENARIO_GROUPS])
+    return name if _exists(name) else check_name("scenario", name, SCENARIOS)
 
 
 def _exists(name: str) -> bool:
-    return isinstance(name, str) and (name in SCENARIOS or _is_own_scenario(name))
-
-
-def _is_own_scenario(name: str) -> bool:
+    if not isinstance(name, str):
+        return False
+    if name in SCENARIOS:
+        return True
     # Asking importlib for the module would import gfootball, and with it gym, before its time.
     package = importlib.util.find_spec("gfootball")
     if package is None or not package.submodule_search_locations:
@@ -151,3 +145,35 @@ def _is_own_scenario(name: str) -> bool:
         return False
     folder = Path(package.submodule_search_locations[0]) / "scenarios"
     return folder.joinpath(*name.split(".")).with_suffix(".py").is_file()
+
+
+def register_scenarios() -> None:
+    """Registers the ids, with the time limits that Gymnasium's wrappers ask for."""
+    for name, scenario in SCENARIOS.items():
+        gymnasium.register(
+            id=f"fbrl/{name}-v0",
+            entry_point="fbrl.envs.football:FootballEnv",
+            vector_entry_point="fbrl.scenarios:make_vector_env",
+            max_episode_steps=scenario.max_steps,
+            kwargs={"scenario": name},
+        )
+
+
+def make_vector_env(
+    scenario: str, num_envs: int = 1, *, max_episode_steps: int | None, **options: Any
+) -> FootballVectorEnv:
+    """What ``gymnasium.make_vec`` calls, which names the time limit that is registered.
+
+    Raises:
+        ValueError: It names another one.
+    """
+    from fbrl.envs.vector_env import FootballVectorEnv
+
+    own = SCENARIOS[scenario].max_steps if scenario in SCENARIOS else max_episode_steps
+    if max_episode_steps not in (own, None, -1):
+        raise ValueError(
+            f"max_episode_steps is {max_episode_steps}, but a match of {scenario!r} takes up to "
+            f"{own} steps. Write a scenario of your own with another game_duration, or "
+            "take vectorization_mode='sync'."
+        )
+    return FootballVectorEnv(scenario, num_envs, **options)
