@@ -28,8 +28,9 @@ from fbrl.envs.engine import load_gfootball
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.files.appended_file import MOST_WAITING_BYTES, AppendedFile
 from fbrl.monitor import BALL_POSITIONS, MATCHES_IN_MEAN, SCALARS, Monitor
+from fbrl.monitor.scalars import GOAL_DIFFERENCE_NAMES
 from fbrl.monitor.table import Table
-from fbrl.monitor.writer import FRESH_FIGURES, GOAL_DIFFERENCE_NAMES
+from fbrl.monitor.writer import FRESH_FIGURES
 from fbrl.transforms import PLAY_STATISTICS
 
 PARTS = ("reward_scoring", "reward_start_density")

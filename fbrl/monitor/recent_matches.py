@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,10 +12,13 @@ from torch import Tensor
 
 from fbrl.checks.counts import check_count
 from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
+from fbrl.monitor.scalars import SCALARS
 from fbrl.transforms import PLAY_STATISTICS
 
 MATCHES_IN_MEAN = 100
 """Matches that the means take in; the environment's paper uses 100."""
+
+_COUNT = "match/count"
 
 
 class RecentMatches:
@@ -30,65 +32,50 @@ class RecentMatches:
     """
 
     def __init__(self, reward_parts: tuple[str, ...]) -> None:
-        self._reward_keys = {"reward/total": EPISODE_PREFIX + "reward"}
-        for part in reward_parts:
-            name = part.replace("reward_", "reward/", 1)
-            self._reward_keys[name] = EPISODE_PREFIX + part
-        self.names = (
-            "match/goal_difference",
-            "match/goals_for",
-            "match/goals_against",
-            "match/win_share",
-            "match/draw_share",
-            "match/loss_share",
-            "match/length",
-            *self._reward_keys,
-            "play/possession_share",
-            "play/passes",
-            "play/shots",
-            "match/count",
-        )
-        self._figures: deque[np.ndarray] = deque(maxlen=MATCHES_IN_MEAN)
+        self._reward_keys = {"reward/total": EPISODE_PREFIX + "reward"} | {
+            part.replace("reward_", "reward/", 1): EPISODE_PREFIX + part for part in reward_parts
+        }
+        of_match = [name for name in SCALARS if name.startswith("match/") and name != _COUNT]
+        of_play = [name for name in SCALARS if name.startswith("play/")]
+        self.names = (*of_match, *self._reward_keys, *of_play, _COUNT)
+        self._figures = np.empty((0, len(self.names) - 1))
         self._count = 0
 
     def add(self, batch: TensorDictBase) -> None:
         """Adds the matches that ended in a batch of shape (num_envs, num_steps)."""
-        following = batch.get("next")
         # In the order in which the matches ended: step by step, not match by match.
-        ended = following.get("done").squeeze(-1).transpose(0, 1)
+        following = batch.get("next").transpose(0, 1)
+        ended = following.get("done").squeeze(-1)
         # Those that began in the middle are other matches.
         if (begun_midway := following.get("begun_midway", None)) is not None:
-            ended = ended & ~begun_midway.transpose(0, 1)
+            ended = ended & ~begun_midway
 
         def at_the_end(key: str) -> Tensor:
-            return following.get(key).transpose(0, 1)[ended].to(torch.float64)
+            return following.get(key)[ended].to(torch.float64).squeeze(-1)
 
-        goal_difference = at_the_end(EPISODE_PREFIX + "reward_scoring").squeeze(-1)
+        goal_difference = at_the_end(EPISODE_PREFIX + "reward_scoring")
         play = dict(zip(PLAY_STATISTICS, at_the_end("play_statistics").unbind(-1), strict=True))
-        in_possession = play["possession"] + play["opponent_possession"]
-        figures = torch.stack(
-            [
-                goal_difference,
-                play["goals_for"],
-                play["goals_against"],
-                (goal_difference > 0).double(),
-                (goal_difference == 0).double(),
-                (goal_difference < 0).double(),
-                at_the_end(EPISODE_LENGTH).squeeze(-1),
-                *(at_the_end(key).squeeze(-1) for key in self._reward_keys.values()),
-                play["possession"] / in_possession,
-                play["passes"],
-                play["shots"],
-            ],
-            dim=-1,
-        )
-        self._figures.extend(figures.cpu().numpy())
-        self._count += len(figures)
+        figures = {
+            "match/goal_difference": goal_difference,
+            "match/goals_for": play["goals_for"],
+            "match/goals_against": play["goals_against"],
+            "match/win_share": (goal_difference > 0).double(),
+            "match/draw_share": (goal_difference == 0).double(),
+            "match/loss_share": (goal_difference < 0).double(),
+            "match/length": at_the_end(EPISODE_LENGTH),
+            **{name: at_the_end(key) for name, key in self._reward_keys.items()},
+            "play/possession_share": play["possession"]
+            / (play["possession"] + play["opponent_possession"]),
+            "play/passes": play["passes"],
+            "play/shots": play["shots"],
+        }
+        latest = torch.stack([figures[name] for name in self.names[:-1]], dim=-1).cpu().numpy()
+        self._figures = np.concatenate([self._figures, latest])[-MATCHES_IN_MEAN:]
+        self._count += len(latest)
 
     def state_dict(self) -> dict[str, Any]:
         """The figures of the latest matches, float64 of shape (matches, figures), and the count."""
-        figures = np.array(self._figures).reshape(len(self._figures), len(self.names) - 1)
-        return {"figures": torch.from_numpy(figures), "count": self._count}
+        return {"figures": torch.from_numpy(self._figures), "count": self._count}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Goes on from a state.
@@ -99,8 +86,7 @@ class RecentMatches:
         figures = state["figures"].numpy()
         if figures.ndim != 2 or figures.shape[1] != len(self.names) - 1:
             raise ValueError(f"figures of shape {figures.shape} for {len(self.names) - 1} names")
-        self._figures.clear()
-        self._figures.extend(figures)
+        self._figures = figures[-MATCHES_IN_MEAN:]
         self._count = check_count("count", state["count"], at_least=len(figures))
 
     def means(self) -> dict[str, float]:
@@ -111,10 +97,9 @@ class RecentMatches:
         """
         if not self._count:
             return {}
-        columns = np.array(self._figures).T
         means = {
             name: float(values[~np.isnan(values)].mean())
-            for name, values in zip(self.names[:-1], columns, strict=True)
+            for name, values in zip(self.names[:-1], self._figures.T, strict=True)
             if not np.isnan(values).all()
         }
-        return {**means, "match/count": self._count}
+        return {**means, _COUNT: self._count}

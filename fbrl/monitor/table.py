@@ -33,12 +33,6 @@ class Table:
         self._file.append(_line([row.get(name, "") for name in self._columns]))
 
 
-def _line(values: Sequence[object]) -> bytes:
-    text = io.StringIO(newline="")
-    csv.writer(text).writerow(values)
-    return text.getvalue().encode()
-
-
 def drop_rows(path: Path, past: int) -> None:
     """Drops the rows past a number of frames, and a last one that is not whole, if there is a file.
 
@@ -49,15 +43,22 @@ def drop_rows(path: Path, past: int) -> None:
     """
     if not path.exists():
         return
-    lines = path.read_bytes().splitlines(keepends=True)
-    header = _header(path)
-    kept = []
+    header, kept = _header(path), []
     if header:
         place = header.index(FRAMES)
-        rows = [line for line in lines[1:] if _is_whole(line, len(header), place, past)]
-        kept = [lines[0], *rows]
+        names, *rows = path.read_bytes().splitlines(keepends=True)
+        kept = [names, *(row for row in rows if _is_kept(row, len(header), place, past))]
     with atomic_write(path) as file:
         file.writelines(kept)
+
+
+def _is_kept(line: bytes, num_columns: int, place: int, past: int) -> bool:
+    values = _values(line)
+    if len(values) != num_columns or not line.endswith(b"\n"):
+        return False
+    # Python reads no integers of thousands of digits.
+    frames = values[place]
+    return frames.isdecimal() and len(frames) < 20 and int(frames) <= past
 
 
 def _header(path: Path) -> list[str]:
@@ -70,13 +71,10 @@ def _header(path: Path) -> list[str]:
     return names if line.endswith(b"\n") and FRAMES in names else []
 
 
-def _is_whole(line: bytes, num_columns: int, place: int, past: int) -> bool:
-    values = _values(line)
-    if len(values) != num_columns or not line.endswith(b"\n"):
-        return False
-    # Python reads no integers of thousands of digits.
-    frames = values[place]
-    return frames.isdecimal() and len(frames) < 20 and int(frames) <= past
+def _line(values: Sequence[object]) -> bytes:
+    text = io.StringIO(newline="")
+    csv.writer(text).writerow(values)
+    return text.getvalue().encode()
 
 
 def _values(line: bytes) -> list[str]:

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 from tensordict import TensorDictBase
+from torch.utils.tensorboard.summary import custom_scalars, hparams
 
 from fbrl.checkpoint import CheckpointError
 from fbrl.config import TrainConfig
 from fbrl.config_json import with_flat_options
 from fbrl.monitor.event_file import EventFile
-from fbrl.monitor.layout import chart_layout
 from fbrl.monitor.recent_matches import RecentMatches
-from fbrl.monitor.scalars import ACTION_TAGS
+from fbrl.monitor.scalars import ACTION_TAGS, GOAL_DIFFERENCE_NAMES, chart_layout
 from fbrl.monitor.services import open_service
 from fbrl.monitor.table import Table, drop_rows
 from fbrl.run_files import EVALUATIONS_NAME, FRAMES, METRICS_NAME
@@ -24,22 +24,10 @@ from fbrl.run_files import EVALUATIONS_NAME, FRAMES, METRICS_NAME
 if TYPE_CHECKING:
     from fbrl.evaluation.evaluation import Evaluation
 
-GOAL_DIFFERENCE_NAMES = (
-    "evaluation/goal_difference",
-    "evaluation/goal_difference_low",
-    "evaluation/goal_difference_high",
-)
-"""The mean and its interval: what runs are compared by on TensorBoard's page HParams."""
-
-FRESH_FIGURES = (
-    "goals_for",
-    "goals_against",
-    "length",
-    "possession_share",
-    "passes",
-    "shots",
-)
+FRESH_FIGURES = ("goals_for", "goals_against", "length", "possession_share", "passes", "shots")
 """What else is logged of fresh matches, see :class:`fbrl.evaluation.evaluation.Evaluation`."""
+
+_EVENTS = "TensorBoard's events"
 
 
 class Monitor:
@@ -88,9 +76,10 @@ class Monitor:
         if checkpoint:
             self._go_on(checkpoint)
         rewards = tuple(name for name in self._recent.names if name.startswith("reward/"))
-        self._events.add_layout(chart_layout(rewards))
         settings = hyperparameters(config)
-        self._events.add_hyperparameters(settings, GOAL_DIFFERENCE_NAMES)
+        experiment, start, _ = hparams(settings, dict.fromkeys(GOAL_DIFFERENCE_NAMES))
+        for summary in (custom_scalars(chart_layout(rewards)), experiment, start):
+            self._events.add(step=0, summary=summary)
         self._services = {
             name: open_service(name, run_dir, self._run_ids.get(name)) for name in services
         }
@@ -114,12 +103,13 @@ class Monitor:
     def _go_on(self, checkpoint: Mapping[str, Any]) -> None:
         frames, evaluated_at = checkpoint["frames"], checkpoint["evaluated_at"]
         try:
-            self._recent.load_state_dict(checkpoint["monitor"]["recent_matches"])
-            self._latest = dict(checkpoint["monitor"]["latest"])
+            state = checkpoint["monitor"]
+            self._recent.load_state_dict(state["recent_matches"])
+            self._latest = dict(state["latest"])
+            # Those of before there were services have none.
+            self._run_ids = dict(state.get("services", {}))
             if not all(isinstance(value, (int, float)) for value in self._latest.values()):
                 raise ValueError("not all of the latest metrics are numbers")
-            # Those of before there were services have none.
-            self._run_ids = dict(checkpoint["monitor"].get("services", {}))
             if not all(isinstance(run_id, str) for run_id in self._run_ids.values()):
                 raise ValueError("not all of the services' names of the run are text")
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -153,37 +143,28 @@ class Monitor:
             frames: Frames learned from so far, the x axis.
             batch: What was collected, shape (num_envs, num_steps).
             losses: What :meth:`fbrl.ppo.algorithm.PPO.learn` returned.
-            collect_seconds: Time that collection took.
-            update_seconds: Time that learning took.
+            collect_seconds: That collection took.
+            update_seconds: That learning took.
             collect_cores: Cores that collection used, on average.
         """
         self._recent.add(batch)
+        counts = torch.bincount(batch.get("action").reshape(-1), minlength=len(ACTION_TAGS))
         of_iteration = {
-            **_action_shares(batch),
+            **dict(zip(ACTION_TAGS, (counts / batch.numel()).tolist(), strict=True)),
             **{f"ppo/{name}": value for name, value in losses.items()},
             "time/frames_per_second": batch.numel() / (collect_seconds + update_seconds),
             "time/collect_seconds": collect_seconds,
             "time/update_seconds": update_seconds,
             "time/collect_cores": collect_cores,
         }
-        metrics = {**self._recent.means(), **of_iteration}
-        self._latest = metrics
-        self._log_scalars(metrics, frames)
-        columns = [FRAMES, *self._recent.names, *of_iteration]
-        self._write_row(METRICS_NAME, columns, {FRAMES: frames, **metrics})
-        return metrics
+        self._latest = {**self._recent.means(), **of_iteration}
+        self._log(METRICS_NAME, [*self._recent.names, *of_iteration], self._latest, frames)
+        return self._latest
 
     def log_evaluation(
         self, evaluation: Evaluation, frames: int, seconds: float, images: Mapping[str, bytes]
     ) -> None:
-        """Writes the results of fresh matches.
-
-        Args:
-            evaluation: The matches.
-            frames: Frames that the policy had learned from.
-            seconds: Time that they took.
-            images: Pictures of them by name, as PNG or GIF files.
-        """
+        """Writes the results of fresh matches, with pictures by name: PNG or GIF files."""
         goals = (evaluation.goal_difference, *evaluation.interval)
         metrics = {
             **dict(zip(GOAL_DIFFERENCE_NAMES, goals, strict=True)),
@@ -191,18 +172,21 @@ class Monitor:
             "evaluation/matches": len(evaluation.goal_differences),
             "evaluation/seconds": seconds,
         }
-        columns = [FRAMES, *metrics]
         # The possession of matches in which nobody had the ball is not known.
-        metrics = {name: value for name, value in metrics.items() if not math.isnan(value)}
-        self._log_scalars(metrics, frames)
+        known = {name: value for name, value in metrics.items() if not math.isnan(value)}
+        self._log(EVALUATIONS_NAME, list(metrics), known, frames)
         for name, encoded in images.items():
-            self._write_events(self._events.add_image, name, encoded, frames)
-        self._write_row(EVALUATIONS_NAME, columns, {FRAMES: frames, **metrics})
+            self._write(_EVENTS, self._events.add_image, name, encoded, frames)
 
-    def _log_scalars(self, metrics: Mapping[str, float], frames: int) -> None:
-        self._write_events(self._events.add_scalars, metrics, frames)
+    def _log(
+        self, table: str, columns: Sequence[str], metrics: Mapping[str, float], frames: int
+    ) -> None:
+        self._write(_EVENTS, self._events.add_scalars, metrics, frames)
         for name, service in self._services.items():
             self._tell(name, service.logger.log_metrics, dict(metrics), frames)
+        if table not in self._tables:
+            self._tables[table] = Table(self._run_dir / table, [FRAMES, *columns])
+        self._write(table, self._tables[table].append, {FRAMES: frames, **metrics})
 
     def _tell(self, service: str, tell: Callable[..., object], *arguments: Any) -> None:
         # A service that is gone may take minutes to say so, each time.
@@ -216,14 +200,6 @@ class Monitor:
                 f"{service} can't be logged to any more ({error}). The training goes on; what it "
                 f"lacks is in {METRICS_NAME} and {EVALUATIONS_NAME}."
             )
-
-    def _write_events(self, add: Callable[..., None], *arguments: Any) -> None:
-        self._write("TensorBoard's events", add, *arguments)
-
-    def _write_row(self, name: str, columns: list[str], row: Mapping[str, float]) -> None:
-        if name not in self._tables:
-            self._tables[name] = Table(self._run_dir / name, columns)
-        self._write(name, self._tables[name].append, row)
 
     def _write(self, what: str, write: Callable[..., None], *arguments: Any) -> None:
         try:
@@ -254,9 +230,3 @@ def _number_or_text(value: Any) -> float | str:
         return " ".join(map(str, value))
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return value if is_number else str(value)
-
-
-def _action_shares(batch: TensorDictBase) -> dict[str, float]:
-    actions = batch.get("action").reshape(-1)
-    counts = torch.bincount(actions, minlength=len(ACTION_TAGS))
-    return dict(zip(ACTION_TAGS, (counts / len(actions)).tolist(), strict=True))
