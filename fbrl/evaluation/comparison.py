@@ -41,15 +41,13 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class EvaluatedPolicy:
-    """Whoever is evaluated.
+    """Whoever is evaluated: an agent, or a baseline, which was not trained.
 
     Attributes:
         name: The path it was loaded from, or a baseline's name.
         policy: Reads the observation and writes ``action``.
         action_set: What ``policy`` chooses from.
-        config: How it was trained; None for a baseline.
-        frames: Frames that it was trained on; None for a baseline.
-        reward: What it was trained with; None for a baseline.
+        config, frames, reward: How it was trained, how long, and with what; None for a baseline.
     """
 
     name: str
@@ -93,9 +91,7 @@ def trained(path: Path, device: torch.device) -> EvaluatedPolicy:
     # Not found out when its turn comes, after the matches of others.
     reward = make_training_reward(agent.config, agent.run_dir)
     policy = agent.model.get_collection_policy()
-    return EvaluatedPolicy(
-        str(path), policy, config=agent.config, frames=agent.frames, reward=reward
-    )
+    return EvaluatedPolicy(str(path), policy, "default", agent.config, agent.frames, reward)
 
 
 def baseline(name: str) -> EvaluatedPolicy:
@@ -121,14 +117,13 @@ def play(
 ) -> Evaluation:
     """Plays fresh matches; the same arguments on the same machine give the same matches.
 
-    See :func:`fbrl.run_seeds.fresh_seed` for what makes them fresh. Rewards are those that the
-    agent was trained with; a baseline is shown the analytics reward.
+    Rewards are those that the agent was trained with; a baseline is shown the analytics reward.
 
     Args:
         evaluated: Who plays.
         scenario: Where.
-        episodes: How many matches at least, see :func:`fbrl.evaluation.evaluation.play_matches`.
-        seed: Seeds the matches, see :func:`fbrl.run_seeds.fresh_seed`, and the sampled actions.
+        episodes: How many matches at least, see :func:`fbrl.evaluation.play_matches`.
+        seed: Of the matches, see :func:`fbrl.run_seeds.fresh_seed`, and of the sampled actions.
         num_envs: Matches at a time.
         greedy: Take the most probable action instead of sampling.
         device: Where the policy runs.
@@ -137,25 +132,21 @@ def play(
     Raises:
         EngineNotInstalledError: gfootball is missing.
     """
-    config = evaluated.config
+    config, reward = evaluated.config, evaluated.reward
     env = make_env(
         scenario,
         num_envs=num_envs,
-        reward="analytics" if evaluated.reward is None else evaluated.reward.clone(),
+        reward="analytics" if reward is None else reward.clone(),
         observation="simple115" if config is None else make_agent_observation(config),
         action_set=evaluated.action_set,
-        seed=fresh_seed(evaluated.config, scenario, seed),
+        seed=fresh_seed(config, scenario, seed),
     )
     cuda = [device] if device.type == "cuda" else []
     with contextlib.closing(env), torch.random.fork_rng(devices=cuda):
         torch.manual_seed(seed)
+        policy = evaluated.policy
         return evaluate(
-            env,
-            evaluated.policy,
-            episodes,
-            greedy=greedy,
-            device=device,
-            on_progress=on_progress,
+            env, policy, episodes, greedy=greedy, device=device, on_progress=on_progress
         )
 
 
@@ -180,19 +171,18 @@ def result_row(
 ) -> Row:
     """An evaluation as numbers: means over the matches, and the goal difference's interval.
 
-    Args:
-        evaluated: Who played.
-        configuration: Of its training, by :func:`configurations`; None for a baseline.
-        scenario: Where.
-        mode: ``"sample"`` or ``"greedy"``; a baseline has none.
-        seed: Of the matches.
-        evaluation: How it went.
+    The scenario and the seed are those of :func:`play`, the configuration is of
+    :func:`configurations`, None for a baseline, and the mode is ``"sample"`` or ``"greedy"``.
     """
     config = evaluated.config
     low, high = evaluation.interval
     won, drawn, lost = evaluation.results
-    means = {name: _or_none(evaluation.mean(name)) for name in evaluation.matches}
-    means.pop("goal_difference")
+    means = {}
+    for name in evaluation.matches:
+        mean = evaluation.mean(name)
+        # The sums over a match are told from the name of the reward, as in the environment.
+        column = EPISODE_PREFIX + name if name.startswith("reward") else name
+        means[column] = None if math.isnan(mean) else mean
     return {
         "policy": evaluated.name,
         "configuration": configuration,
@@ -203,27 +193,23 @@ def result_row(
         "frames": evaluated.frames,
         "scenario": scenario,
         "mode": None if config is None else mode,
-        "evaluation_seed": fresh_seed(evaluated.config, scenario, seed),
+        "evaluation_seed": fresh_seed(config, scenario, seed),
         "matches": len(evaluation.goal_differences),
-        "goal_difference": evaluation.goal_difference,
+        "goal_difference": means.pop("goal_difference"),
         "goal_difference_low": low,
         "goal_difference_high": high,
         "won": won,
         "drawn": drawn,
         "lost": lost,
-        # The sums over a match are told from the name of the reward, as in the environment.
-        **{EPISODE_PREFIX + k if k.startswith("reward") else k: v for k, v in means.items()},
+        **means,
     }
 
 
 def pool_seeds(policies: Sequence[EvaluatedPolicy], rows: Sequence[Row]) -> list[PooledSeeds]:
     """The seeds of each configuration together, where there are several.
 
-    Agents that were trained on fewer frames, as earlier checkpoints were, count for themselves.
-
-    Args:
-        policies: Who was evaluated.
-        rows: Their results, all in the same scenarios and modes.
+    All of them played in the same scenarios and modes. Agents that were trained on fewer frames, as
+    earlier checkpoints were, count for themselves.
 
     Raises:
         RunGroupError: A seed comes twice in a configuration.
@@ -238,12 +224,8 @@ def pool_seeds(policies: Sequence[EvaluatedPolicy], rows: Sequence[Row]) -> list
 def improvements(pooled: Sequence[PooledSeeds]) -> list[tuple[PooledSeeds, PooledSeeds, Estimate]]:
     """How probable it is that a seed of one configuration scores more than one of another.
 
-    Args:
-        pooled: Configurations; those that played with the same mode in the same scenarios are
-            compared.
-
     Returns:
-        The better one of each pair, the other one, and the probability.
+        The better one of each pair with the same mode and scenarios, the other, the probability.
     """
     found = []
     for first, second in itertools.combinations(pooled, 2):
@@ -257,17 +239,10 @@ def improvements(pooled: Sequence[PooledSeeds]) -> list[tuple[PooledSeeds, Poole
 
 
 def training_row(evaluated: EvaluatedPolicy, threshold: float, tolerance: float) -> Row | None:
-    """What the log of a training says of its convergence, to stand beside the evaluation.
+    """What the log of a training says of its convergence; None where there is no log.
 
-    Args:
-        evaluated: Who was evaluated.
-        threshold: Goal difference that is to be reached and kept.
-        tolerance: How far it may fall below that afterwards.
-
-    Returns:
-        ``frames_until_threshold`` by :func:`fbrl.analysis.run_log.frames_until`, and by
-        :func:`fbrl.analysis.run_log.paper_goal_difference` the figure at the end of the training;
-        None where there is no log.
+    The goal difference that is to be reached and kept, and how far it may fall below that
+    afterwards, are those of :func:`fbrl.analysis.run_log.frames_until`.
 
     Raises:
         RunLogError: The log is damaged.
@@ -287,10 +262,6 @@ def training_row(evaluated: EvaluatedPolicy, threshold: float, tolerance: float)
     }
 
 
-def _or_none(value: float) -> float | None:
-    return None if math.isnan(value) else value
-
-
 def _is_pretrained(evaluated: EvaluatedPolicy) -> bool:
     return evaluated.name.startswith(PREFIX)
 
@@ -298,10 +269,8 @@ def _is_pretrained(evaluated: EvaluatedPolicy) -> bool:
 def _groups(policies: Sequence[EvaluatedPolicy], always: Sequence[str] = ()) -> list[RunGroup]:
     runs, frames = [], []
     for evaluated in policies:
-        if _is_pretrained(evaluated):
-            # Chosen from several, it would be no fair seed among those of a configuration.
-            continue
-        if evaluated.config is not None and evaluated.frames is not None:
+        # One that comes along was chosen from several, which is no fair seed among others.
+        if evaluated.config and evaluated.frames is not None and not _is_pretrained(evaluated):
             runs.append(RunLog(Path(evaluated.name), evaluated.config))
             frames.append(evaluated.frames)
     return group_runs(runs, always, frames)

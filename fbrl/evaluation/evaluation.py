@@ -36,7 +36,7 @@ class Evaluation:
 
     @property
     def goal_differences(self) -> np.ndarray:
-        """Goals for minus goals against of each match, shape (episodes,)."""
+        """Goals for minus goals against of each match."""
         return self.matches["goal_difference"]
 
     @property
@@ -52,13 +52,13 @@ class Evaluation:
 
     def mean_interval(self, figure: str) -> tuple[float, float]:
         """Bounds of the mean's 95 % interval: percentile bootstrap, the same at each call."""
-        values = self._values(figure)
+        values, mean = self._values(figure), self.mean(figure)
         if len(values) < 2 or values.min() == values.max():
-            return self.mean(figure), self.mean(figure)
+            return mean, mean
         # Most of a second, which a training need not wait for before its first match.
         from scipy import stats
 
-        result = stats.bootstrap(
+        interval = stats.bootstrap(
             (values,),
             np.mean,
             confidence_level=CONFIDENCE,
@@ -67,8 +67,8 @@ class Evaluation:
             batch=100,
             method="percentile",
             rng=np.random.default_rng(0),
-        )
-        return float(result.confidence_interval.low), float(result.confidence_interval.high)
+        ).confidence_interval
+        return float(interval.low), float(interval.high)
 
     @property
     def goal_difference(self) -> float:
@@ -85,11 +85,8 @@ class Evaluation:
         return values[~np.isnan(values)]
 
     def __str__(self) -> str:
-        low, high = self.interval
-        return (
-            f"{self.goal_difference:.3f} [{low:.3f}, {high:.3f}] over "
-            f"{len(self.goal_differences)} matches"
-        )
+        (low, high), matches = self.interval, len(self.goal_differences)
+        return f"{self.goal_difference:.3f} [{low:.3f}, {high:.3f}] over {matches} matches"
 
 
 def evaluate(
@@ -102,29 +99,23 @@ def evaluate(
     on_progress: Callable[[int], None] | None = None,
     on_step: Callable[[TensorDictBase, torch.Tensor], None] | None = None,
 ) -> Evaluation:
-    """Plays matches to their end.
+    """Plays matches to their end, as :func:`play_matches`, whose errors it raises.
 
     Args:
         env: A vectorised environment of :func:`fbrl.envs.make_env`, seeded by the caller.
         policy: Reads the observation and writes ``action``.
-        episodes: How many matches at least, see :func:`play_matches`.
+        episodes: How many matches at least.
         greedy: Take the most probable action instead of sampling.
         device: Where the policy runs.
         on_progress: Called with the number of matches finished so far.
         on_step: Called with what :func:`play_matches` yields.
-
-    Raises:
-        ValueError: No match is asked for, or the actions are none.
-        TypeError: The number of matches is no integer, or the environment or the policy is none.
     """
-    _check_env(env)
-    sums = [key for key in env.reward_keys if isinstance(key, str)]
     figures: list[dict[str, float]] = []
     for following, counted in play_matches(env, policy, episodes, greedy=greedy, device=device):
         if on_step is not None:
             on_step(following, counted)
         ended = following.get("done").squeeze(-1) & counted
-        figures += [_figures(following[index], sums) for index in ended.nonzero().squeeze(-1)]
+        figures += [_figures(following[index], env) for index in ended.nonzero().squeeze(-1)]
         if on_progress is not None:
             on_progress(len(figures))
     return Evaluation({name: np.array([match[name] for match in figures]) for name in figures[0]})
@@ -142,14 +133,8 @@ def play_matches(
     """Plays until every place of the environment has finished its share of the matches.
 
     Every place plays the same number of matches: taking the first that end would favour short
-    ones. It is an even number, so that either side kicks off equally often.
-
-    Args:
-        env: A vectorised environment of :func:`fbrl.envs.make_env`.
-        policy: Reads the observation and writes ``action``.
-        episodes: How many matches at least; rounded up to a multiple of 2 * num_envs.
-        greedy: Take the most probable action instead of sampling.
-        device: Where the policy runs.
+    ones. It is an even number, so that either side kicks off equally often: ``episodes`` is rounded
+    up to a multiple of 2 * num_envs. The arguments are those of :func:`evaluate`.
 
     Yields:
         What each step led to, of shape (num_envs,), and which places were still playing a match of
@@ -159,9 +144,11 @@ def play_matches(
         ValueError: No match is asked for, or the actions are none.
         TypeError: The number of matches is no integer, or the environment or the policy is none.
     """
-    _check_env(env)
-    episodes = check_count("episodes", episodes)
-    num_envs = env.batch_size[0]
+    if not isinstance(env, EnvBase) or len(env.batch_size) != 1:
+        raise TypeError(
+            f"The environment is a {type(env).__name__}; it must be one of fbrl.envs.make_env."
+        )
+    episodes, num_envs = check_count("episodes", episodes), env.batch_size[0]
     left = torch.full((num_envs,), 2 * math.ceil(episodes / (2 * num_envs)))
     exploration = ExplorationType.DETERMINISTIC if greedy else ExplorationType.RANDOM
     state = env.reset()
@@ -177,14 +164,7 @@ def play_matches(
         left -= (following.get("done").squeeze(-1) & counted).long()
 
 
-def _check_env(env: EnvBase) -> None:
-    if not isinstance(env, EnvBase) or len(env.batch_size) != 1:
-        raise TypeError(
-            f"The environment is a {type(env).__name__}; it must be one of fbrl.envs.make_env."
-        )
-
-
-def _figures(match: TensorDictBase, reward_keys: list[str]) -> dict[str, float]:
+def _figures(match: TensorDictBase, env: EnvBase) -> dict[str, float]:
     totals = match.get("play_statistics").tolist()
     play = dict(zip(PLAY_STATISTICS, totals, strict=True))
     with_ball = play["possession"] + play["opponent_possession"]
@@ -196,5 +176,5 @@ def _figures(match: TensorDictBase, reward_keys: list[str]) -> dict[str, float]:
         "possession_share": play["possession"] / with_ball if with_ball else math.nan,
         "passes": play["passes"],
         "shots": play["shots"],
-        **{key: match.get(EPISODE_PREFIX + key).item() for key in reward_keys},
+        **{key: match.get(EPISODE_PREFIX + key).item() for key in env.reward_keys},
     }

@@ -16,11 +16,7 @@ _IDLE = 0
 
 
 class RandomPolicy(TensorDictModuleBase):
-    """Takes each of gfootball's 19 actions equally often, from PyTorch's global generator.
-
-    Attributes:
-        action_set: The action set that the environment needs.
-    """
+    """Takes each of gfootball's 19 actions equally often, from PyTorch's global generator."""
 
     action_set: ActionSet = "default"
     in_keys: list[str] = []  # noqa: RUF012 (the base class's type)
@@ -36,10 +32,8 @@ class ConstantPolicy(TensorDictModuleBase):
     """Always takes the same action.
 
     Args:
-        action: In [0, 19]; 19 lets the engine's own player decide.
-
-    Attributes:
-        action_set: The action set that the environment needs.
+        action: In [0, 19]; 19 lets the engine's own player decide, for which the environment needs
+            the :attr:`action_set` ``"v2"``.
 
     Raises:
         ValueError: The action is out of range.

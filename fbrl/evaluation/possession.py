@@ -24,8 +24,8 @@ POSSESSION_KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
 class BallPositions:
     """Gathers where the ball is while the controlled player has it.
 
-    To be passed to :func:`fbrl.evaluation.evaluation.evaluate` as ``on_step``, with an environment
-    that keeps :data:`POSSESSION_KEYS`.
+    To be passed to :func:`fbrl.evaluation.evaluate` as ``on_step``, with an environment that keeps
+    :data:`POSSESSION_KEYS`.
     """
 
     def __init__(self) -> None:
@@ -49,25 +49,24 @@ def ball_positions(
     num_envs: int = 8,
     on_progress: Callable[[int], None] | None = None,
 ) -> NDArray[np.float64]:
-    """Plays matches with a run's latest agent and keeps the ball's positions while it has it.
+    """Plays matches with a trained agent and keeps the ball's positions while it has it.
 
     Args:
-        run: the directory of a run, or a checkpoint.
-        episodes: how many matches at least, see :func:`fbrl.evaluation.evaluation.play_matches`.
-        seed: seeds the matches, see :func:`fbrl.run_seeds.fresh_seed`, and the sampled actions.
-        num_envs: matches at a time.
-        on_progress: called with the number of matches finished so far.
+        run: The directory of a run, or a checkpoint.
+        episodes: How many matches at least, see :func:`fbrl.evaluation.play_matches`.
+        seed: Of the matches, see :func:`fbrl.run_seeds.fresh_seed`, and of the sampled actions.
+        num_envs: Matches at a time.
+        on_progress: Called with the number of matches finished so far.
 
     Returns:
         See :meth:`BallPositions.array`.
 
     Raises:
-        CheckpointError: there is no checkpoint of fbrl.
+        CheckpointError: There is no checkpoint of fbrl.
         EngineNotInstalledError: gfootball is missing.
     """
     positions = BallPositions()
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(torch.random.fork_rng(devices=[]))
+    with torch.random.fork_rng(devices=[]):
         agent = load_agent(run)
         env = make_agent_env(
             agent.config,
@@ -76,8 +75,8 @@ def ball_positions(
             keep_keys=POSSESSION_KEYS,
             seed=fresh_seed(agent.config, agent.config.scenario, seed),
         )
-        stack.callback(env.close)
-        torch.manual_seed(seed)
-        policy = agent.model.get_collection_policy()
-        evaluate(env, policy, episodes, on_progress=on_progress, on_step=positions)
+        with contextlib.closing(env):
+            torch.manual_seed(seed)
+            policy = agent.model.get_collection_policy()
+            evaluate(env, policy, episodes, on_progress=on_progress, on_step=positions)
     return positions.array()
