@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from fbrl.training.interrupt import Interrupt, Interrupted
+from fbrl.training.faults import Interrupt, Interrupted
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])

@@ -15,7 +15,7 @@ from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.density import AssistDensity, open_density
 from fbrl.evaluation.comparison import trained
 from fbrl.run_files import DENSITY_NAME
-from fbrl.training.pictures import MatchPictures
+from fbrl.training.evaluator import MatchPictures
 from fbrl.training.trainer import train
 from fbrl.transforms import AssistDensityReward, ScoringReward
 

@@ -26,8 +26,8 @@ from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.ppo.update import TrainingDivergedError
 from fbrl.run_files import CHECKPOINT_NAME
 from fbrl.training import TrainListener, run_checkpoints, train, trainer
-from fbrl.training.pictures import MatchPictures
-from fbrl.training.training_loop import evaluation_is_due
+from fbrl.training.evaluator import MatchPictures
+from fbrl.training.trainer import evaluation_is_due
 from fbrl.transforms import MiniMapCells
 
 SPEED = (

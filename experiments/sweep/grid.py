@@ -49,7 +49,7 @@ class Point:
             ConfigError: The training that is there is another one than the grid asks for.
         """
         from fbrl.checkpoint import CheckpointError
-        from fbrl.training.saved_training import SavedTraining
+        from fbrl.training.training_state import SavedTraining
 
         if not self.has_begun():
             return False

@@ -22,7 +22,7 @@ from fbrl.cli.arguments import number_from_zero, positive_integer
 from fbrl.cli.errors import FAILED, INTERRUPTED, Parser, ending_when_interrupted, fail
 from fbrl.collect.ray_cluster import connected_to_ray
 from fbrl.config import ConfigError
-from fbrl.training.interrupt import Interrupt, Interrupted
+from fbrl.training.faults import Interrupt, Interrupted
 
 PROGRAM = "sweep"
 SECONDS_BETWEEN_LINES = 30.0

@@ -2,45 +2,38 @@
 
 from __future__ import annotations
 
-import time
+import io
+import itertools
+import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from pathlib import Path
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from torchrl.envs import EnvBase
 
 from fbrl.assembly import make_agent_env, make_agent_observation
 from fbrl.config import TrainConfig
+from fbrl.density import AssistDensity
 from fbrl.evaluation.evaluation import Evaluation, evaluate
 from fbrl.evaluation.possession import POSSESSION_KEYS, BallPositions
 from fbrl.models.actor_critic import ActorCritic
 from fbrl.monitor import BALL_POSITIONS, MATCH_VIDEO
 from fbrl.run_seeds import other_seed, seed_after_crashes
-from fbrl.training.pictures import MatchPictures
 from fbrl.transforms import ScoringReward
-from fbrl.watch.recording import record_matches
+from fbrl.watch.recording import MatchRecording, record_matches
 from fbrl.watch.video import missing_video_packages
 
 NUM_PLACES = 4
 """Fresh matches at a time. An engine takes 70 to 130 MB; the same number on every machine, since
 the matches depend on it."""
 
-
-@dataclass(frozen=True)
-class EvaluationReport:
-    """What came out of fresh matches.
-
-    Attributes:
-        evaluation: The results.
-        seconds: Time that it took, pictures included.
-        images: Pictures by their names in TensorBoard: PNG and GIF files.
-    """
-
-    evaluation: Evaluation
-    seconds: float
-    images: Mapping[str, bytes]
+_DOTS_PER_INCH = 90
+_VIDEO_WIDTH = 480
+_FRAMES = 200
+_STEPS_PER_FRAME = 2
+# Twice as fast as it was played: ten steps are a second.
+_FRAMES_PER_SECOND = 10.0
 
 
 class Evaluator:
@@ -50,12 +43,6 @@ class Evaluator:
     so that those of the training stay where they are; PyTorch's random numbers are left as they
     were. Every evaluation begins the same matches, which are none of the training's: what differs
     between two evaluations is the policy. After a crash they are others, lest they end in it again.
-
-    Args:
-        config: The training.
-        reward: The training's reward transform; here a copy of it is used.
-        on_warning: Called with one line if pictures can't be made.
-        crashes: After which the training has gone on.
     """
 
     def __init__(
@@ -70,17 +57,14 @@ class Evaluator:
         self._on_warning = on_warning
         self._seed = other_seed(seed_after_crashes(config.seed, crashes))
         self._env: EnvBase | None = None
-        self._pictures: MatchPictures | None = None
-        if config.eval_pictures and config.eval_episodes:
-            missing = missing_video_packages()
-            if missing:
-                on_warning(
-                    f"The evaluations go without pictures: {', '.join(missing)} not installed. "
-                    "Run pip install 'fbrl[analysis]', or ask for none: eval_pictures=False, "
-                    "--no-eval-pictures on a command line."
-                )
-            else:
-                self._pictures = MatchPictures(reward)
+        self._has_pictures = config.eval_pictures and config.eval_episodes > 0
+        if self._has_pictures and (missing := missing_video_packages()):
+            self._has_pictures = False
+            on_warning(
+                f"The evaluations go without pictures: {', '.join(missing)} not installed. "
+                "Run pip install 'fbrl[analysis]', or ask for none: eval_pictures=False, "
+                "--no-eval-pictures on a command line."
+            )
 
     def close(self) -> None:
         """Hands the engines on."""
@@ -89,63 +73,90 @@ class Evaluator:
 
     def play(
         self, model: ActorCritic, episodes: int, on_progress: Callable[[int], None]
-    ) -> EvaluationReport:
-        """Plays matches with the policy's sampled actions.
+    ) -> tuple[Evaluation, Mapping[str, bytes]]:
+        """Plays matches with the policy's sampled actions, as :func:`fbrl.evaluation.evaluate`.
 
-        Args:
-            model: Its policy plays.
-            episodes: How many matches at least, as for :func:`fbrl.evaluation.evaluation.evaluate`.
-            on_progress: Called with the number of matches finished so far.
+        Returns:
+            The results, and pictures by their names in TensorBoard: PNG and GIF files.
         """
+        config, policy, positions = self._config, model.get_collection_policy(), BallPositions()
         device = next(model.parameters()).device
-        positions = BallPositions()
-        started = time.perf_counter()
         with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
             torch.manual_seed(self._seed)
-            env = self._make_env()
+            if self._env is None:
+                self._env = make_agent_env(
+                    config,
+                    num_envs=min(NUM_PLACES, config.ppo.num_envs),
+                    reward=self._reward.clone(),
+                    num_threads=config.num_threads,
+                    keep_keys=POSSESSION_KEYS,
+                )
+            env = self._env
             env.set_seed(self._seed)
             evaluation = evaluate(
-                env,
-                model.get_collection_policy(),
-                episodes,
-                device=device,
-                on_progress=on_progress,
-                on_step=positions,
+                env, policy, episodes, device=device, on_progress=on_progress, on_step=positions
             )
-        images = self._draw(model, positions.array())
-        return EvaluationReport(evaluation, time.perf_counter() - started, images)
-
-    def _make_env(self) -> EnvBase:
-        if self._env is None:
-            self._env = make_agent_env(
-                self._config,
-                num_envs=min(NUM_PLACES, self._config.ppo.num_envs),
-                reward=self._reward.clone(),
-                num_threads=self._config.num_threads,
-                keep_keys=POSSESSION_KEYS,
-            )
-        return self._env
-
-    def _draw(self, model: ActorCritic, positions: NDArray[np.float64]) -> dict[str, bytes]:
-        if self._pictures is None:
-            return {}
+        if not self._has_pictures:
+            return evaluation, {}
         (match,) = record_matches(
-            model.get_collection_policy(),
-            self._config.scenario,
-            observation=make_agent_observation(self._config),
+            policy,
+            config.scenario,
+            observation=make_agent_observation(config),
             reward=self._reward.clone(),
             episodes=1,
             seed=self._seed,
-            device=next(model.parameters()).device,
+            device=device,
         )
+        pictures = MatchPictures(self._reward)
         try:
-            return {
-                BALL_POSITIONS: self._pictures.positions(positions),
-                MATCH_VIDEO: self._pictures.film(match),
+            return evaluation, {
+                BALL_POSITIONS: pictures.positions(positions.array()),
+                MATCH_VIDEO: pictures.film(match),
             }
         except Exception as error:  # whatever may be wrong with what draws, a training goes on
-            self._pictures = None
+            self._has_pictures = False
             self._on_warning(
                 f"The evaluations go on without pictures ({type(error).__name__}: {error})."
             )
-            return {}
+            return evaluation, {}
+
+
+class MatchPictures:
+    """Draws where an agent has the ball, and films its matches, with the densities of its reward.
+
+    Where it has none, those that fbrl ships stand beside the positions, and the film goes without.
+    """
+
+    def __init__(self, reward: ScoringReward) -> None:
+        self._paid = reward.density
+
+    def positions(self, positions: ArrayLike) -> bytes:
+        """A PNG of the ball's positions, (n, 2) in pitch units, beside the densities."""
+        from fbrl.figures.pitch import agent_figure
+
+        figure = agent_figure(
+            positions,
+            self._paid or AssistDensity.default(),
+            "Where the agent has the ball",
+            is_paid=self._paid is not None,
+        )
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=_DOTS_PER_INCH, bbox_inches="tight")
+        return file.getvalue()
+
+    def film(self, match: MatchRecording) -> bytes:
+        """An animated GIF of a match from above: its first 40 seconds, at twice their speed.
+
+        Raises:
+            OSError: There is no room for it.
+        """
+        # cv2 and ffmpeg are loaded only here: nothing else in a training needs them.
+        from fbrl.watch.pitch_view import PitchView
+        from fbrl.watch.video import write_video
+
+        frames = PitchView(self._paid, _VIDEO_WIDTH).frames(match)
+        shown = itertools.islice(frames, 0, _FRAMES * _STEPS_PER_FRAME, _STEPS_PER_FRAME)
+        with tempfile.TemporaryDirectory(prefix="fbrl-video-") as folder:
+            path = Path(folder, "match.gif")
+            write_video(path, shown, fps=_FRAMES_PER_SECOND)
+            return path.read_bytes()

@@ -26,12 +26,9 @@ def make_run_dir(config: TrainConfig) -> Path:
     Raises:
         ConfigError: It has something else in it already, or can't be made.
     """
-    run_dir = config.run_dir
-    if run_dir is None:
-        now = datetime.now().strftime("%Y%m%d-%H%M%S")
-        reward = config.reward.replace(":", ".")
-        name = f"{reward}-{nearest_preset(config)}-seed{config.seed}-{now}"
-        run_dir = Path("runs") / config.scenario / name
+    reward, preset = config.reward.replace(":", "."), nearest_preset(config)
+    name = f"{reward}-{preset}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"
+    run_dir = config.run_dir or Path("runs") / config.scenario / name
     try:
         run_dir.mkdir(parents=True, exist_ok=True)
         _false_start(run_dir)
@@ -41,10 +38,7 @@ def make_run_dir(config: TrainConfig) -> Path:
 
 
 def remove_false_start(run_dir: Path) -> None:
-    """Removes what a training left that failed before its first checkpoint.
-
-    Args:
-        run_dir: The run's directory, locked by this process.
+    """Removes what a training left that failed before its first checkpoint, but for the lock.
 
     Raises:
         ConfigError: It has something else in it.
@@ -81,9 +75,6 @@ class RunDirReplacedError(RuntimeError):
 
 class RunDirLock:
     """Keeps other trainings out of a run's directory until it is closed, or the process ends.
-
-    Args:
-        run_dir: The directory; it must exist.
 
     Raises:
         ConfigError: Another process is training there.
