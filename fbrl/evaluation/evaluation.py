@@ -16,8 +16,6 @@ from fbrl.checks.counts import check_count
 from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
 from fbrl.transforms import PLAY_STATISTICS
 
-CONFIDENCE = 0.95
-
 Policy = Callable[[TensorDictBase], TensorDictBase]
 
 
@@ -58,17 +56,11 @@ class Evaluation:
         # Most of a second, which a training need not wait for before its first match.
         from scipy import stats
 
-        interval = stats.bootstrap(
-            (values,),
-            np.mean,
-            confidence_level=CONFIDENCE,
-            n_resamples=9999,
-            # Limits the memory, which would otherwise grow with the number of matches.
-            batch=100,
-            method="percentile",
-            rng=np.random.default_rng(0),
-        ).confidence_interval
-        return float(interval.low), float(interval.high)
+        # In batches, as the memory would otherwise grow with the number of matches.
+        result = stats.bootstrap(
+            (values,), np.mean, batch=100, method="percentile", rng=np.random.default_rng(0)
+        )
+        return float(result.confidence_interval.low), float(result.confidence_interval.high)
 
     @property
     def goal_difference(self) -> float:

@@ -12,8 +12,6 @@ from fbrl.envs.engine import BUILTIN_AI, NUM_ACTIONS
 from fbrl.envs.vector_env import ActionSet
 from fbrl.policy_names import POLICIES
 
-_IDLE = 0
-
 
 class RandomPolicy(TensorDictModuleBase):
     """Takes each of gfootball's 19 actions equally often, from PyTorch's global generator."""
@@ -76,4 +74,4 @@ def make_policy(name: str) -> RandomPolicy | ConstantPolicy:
     check_name("policy", name, POLICIES)
     if name == "random":
         return RandomPolicy()
-    return ConstantPolicy(_IDLE if name == "idle" else BUILTIN_AI)
+    return ConstantPolicy(0 if name == "idle" else BUILTIN_AI)

@@ -24,8 +24,8 @@ POSSESSION_KEYS = ("ball", "ball_owned_team", "ball_owned_player", "active")
 class BallPositions:
     """Gathers where the ball is while the controlled player has it.
 
-    To be passed to :func:`fbrl.evaluation.evaluate` as ``on_step``, with an environment that keeps
-    :data:`POSSESSION_KEYS`.
+    To be passed to :func:`fbrl.evaluation.evaluation.evaluate` as ``on_step``, with an environment
+    that keeps :data:`POSSESSION_KEYS`.
     """
 
     def __init__(self) -> None:
@@ -49,17 +49,14 @@ def ball_positions(
     num_envs: int = 8,
     on_progress: Callable[[int], None] | None = None,
 ) -> NDArray[np.float64]:
-    """Plays matches with a trained agent and keeps the ball's positions while it has it.
+    """Where the ball is while an agent has it, see :meth:`BallPositions.array`.
 
     Args:
         run: The directory of a run, or a checkpoint.
-        episodes: How many matches at least, see :func:`fbrl.evaluation.play_matches`.
+        episodes: As for :func:`fbrl.evaluation.evaluation.evaluate`.
         seed: Of the matches, see :func:`fbrl.run_seeds.fresh_seed`, and of the sampled actions.
         num_envs: Matches at a time.
-        on_progress: Called with the number of matches finished so far.
-
-    Returns:
-        See :meth:`BallPositions.array`.
+        on_progress: As there.
 
     Raises:
         CheckpointError: There is no checkpoint of fbrl.

@@ -74,12 +74,7 @@ def open_mlflow(run_dir: Path, run_id: str | None) -> Service:
 
 
 def open_service(name: str, run_dir: Path, run_id: str | None = None) -> Service:
-    """Opens a service for a run.
-
-    Args:
-        name: In :data:`fbrl.components.LOGGERS`.
-        run_dir: The run's directory; its name is the run's there.
-        run_id: What the service called the run, if it goes on.
+    """Opens a service of :data:`fbrl.components.LOGGERS` for a run, or for one that goes on there.
 
     Raises:
         UnknownNameError: There is no service of this name.

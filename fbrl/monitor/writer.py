@@ -42,11 +42,9 @@ class Monitor:
         config: What is trained; its values are the run's hyperparameters in TensorBoard.
         reward_parts: Names of the reward's parts, as its transform gives them.
         on_warning: Called with one line when something can't be logged.
-        checkpoint: What the training goes on from, if it has been logged before. What the files
-            have past it is dropped.
-        services: Names of :data:`fbrl.components.LOGGERS`, to which scalars and
-            hyperparameters are sent, too. One that fails is told nothing more, after a warning.
-            Where the log goes on, it is told again what the checkpoint lacks.
+        checkpoint: What the training goes on from; what the files have past it is dropped.
+        services: Names of :data:`fbrl.components.LOGGERS`, to which scalars and hyperparameters are
+            sent, too. One that fails is told nothing more, after a warning.
 
     Raises:
         OSError: Nothing can be written into the directory to begin with, or a service can't be

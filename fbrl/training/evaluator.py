@@ -74,7 +74,7 @@ class Evaluator:
     def play(
         self, model: ActorCritic, episodes: int, on_progress: Callable[[int], None]
     ) -> tuple[Evaluation, Mapping[str, bytes]]:
-        """Plays matches with the policy's sampled actions, as :func:`fbrl.evaluation.evaluate`.
+        """Plays at least so many matches with the policy's sampled actions.
 
         Returns:
             The results, and pictures by their names in TensorBoard: PNG and GIF files.

@@ -160,7 +160,7 @@ def end_hung(
     try:
         # Also the mark by which the training goes on with other matches.
         report.write(reason)
-        checkpoints.save_for_good(timeout)
+        checkpoints.save_hung(timeout)
     except (OSError, RunDirReplacedError) as error:
         checkpoints.on_warning(str(error))
     finally:

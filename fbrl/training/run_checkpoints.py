@@ -114,9 +114,9 @@ class RunCheckpoints:
         if failed_before:
             self.on_warning(f"Checkpoints can be written again: {self.what_is_saved()}.")
 
-    def save_for_good(self, timeout: float) -> None:
+    def save_hung(self, timeout: float) -> None:
         """Saves a training that hangs, unless the update in hand takes longer than the timeout."""
-        if self.state.lock.acquire(timeout=timeout) and self.state.has_begun:
+        if self.state.lock.acquire(timeout=timeout) and self.state.batch_start:
             self.save()
 
     def save_if_best(self, evaluation: Evaluation) -> None:

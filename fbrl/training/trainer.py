@@ -95,12 +95,8 @@ def train(
     training with a checkpoint. If the engine hangs, it is saved and the process is ended with exit
     code 1, because a thread in the engine can't be ended otherwise.
 
-    Args:
-        config: The training.
-        listener: Told what goes on.
-        resume: Go on from the latest checkpoint in ``config.run_dir``, as if the training had
-            never stopped. The configuration may differ from the one before in
-            :data:`fbrl.config.CHANGEABLE_ON_RESUME`.
+    To ``resume`` is to go on from the latest checkpoint in ``config.run_dir``, as if the training
+    had never stopped; :data:`fbrl.config.CHANGEABLE_ON_RESUME` says what may change then.
 
     Raises:
         ConfigError: A value is impossible, or the run's directory can't be used.

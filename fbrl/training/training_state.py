@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +19,13 @@ from fbrl.monitor import Monitor
 from fbrl.ppo.algorithm import PPO
 from fbrl.run_seeds import seed_after_crashes
 
+_DICTIONARIES = ("config", "model", "optimizer", "next_step", "random_numbers", "monitor")
 _KINDS: dict[str, Any] = {
-    "config": dict,
-    "frames": int,
-    "model": dict,
-    "optimizer": dict,
-    "next_step": dict,
-    "matches": list,
-    "random_numbers": dict,
-    "monitor": dict,
+    **dict.fromkeys(_DICTIONARIES, dict),
+    **dict.fromkeys(("matches", "kept_states"), list),
+    **dict.fromkeys(("frames", "crashes"), int),
     "evaluated_at": int | None,
     "best_goal_difference": float | None,
-    "crashes": int,
-    "kept_states": list,
 }
 """What a training goes on from, and what each is."""
 
@@ -71,8 +65,7 @@ class SavedTraining:
                 raise CheckpointError(
                     f"The checkpoint has no {name}: no training can go on from it."
                 )
-            is_count = name in ("frames", "crashes")
-            if not isinstance(state[name], kind) or (is_count and state[name] < 0):
+            if not isinstance(state[name], kind) or (kind is int and state[name] < 0):
                 raise CheckpointError(f"The checkpoint has {state[name]!r:.80} as {name}.")
         before, now = _flat(config_from_dict(state["config"])), _flat(config)
         for name in before:
@@ -109,6 +102,7 @@ class SavedTraining:
         return self.frames >= config.ppo.total_frames and is_evaluated
 
 
+@dataclass
 class TrainingState:
     """Gathers the state of a training, and puts a training into a state.
 
@@ -123,22 +117,22 @@ class TrainingState:
         evaluated_at: Frames learned from at the last evaluation that was finished; None before.
         best_goal_difference: The highest mean of an evaluation so far; None before the first.
         lock: Held while the state is not that of one moment, and while it is saved.
+        batch_start: The matches and the random numbers that the batch begins with; empty before.
     """
 
-    def __init__(self, config: TrainConfig, ppo: PPO, monitor: Monitor, crashes: int = 0) -> None:
-        self.ppo = ppo
-        self.monitor = monitor
-        self.crashes = crashes
-        self.evaluated_at: int | None = None
-        self.best_goal_difference: float | None = None
-        self.lock = threading.RLock()
-        self._config = config
-        self._batch_start: dict[str, Any] = {}
+    config: TrainConfig
+    ppo: PPO
+    monitor: Monitor
+    crashes: int = 0
+    evaluated_at: int | None = None
+    best_goal_difference: float | None = None
+    lock: Any = field(default_factory=threading.RLock)
+    batch_start: Mapping[str, Any] = field(default_factory=dict)
 
     def begin_batch(self) -> None:
         """Remembers the matches and the random numbers, which the next batch begins with."""
         on_gpu = self.ppo.device.type == "cuda"
-        self._batch_start = {
+        self.batch_start = {
             **self.ppo.collector.state_dict(),
             "random_numbers": {
                 "cpu": torch.get_rng_state(),
@@ -146,16 +140,11 @@ class TrainingState:
             },
         }
 
-    @property
-    def has_begun(self) -> bool:
-        """Whether there is a batch to begin with, so that :meth:`state_dict` is whole."""
-        return bool(self._batch_start)
-
     def state_dict(self) -> dict[str, Any]:
         """The state at the beginning of the batch, as a checkpoint takes it."""
-        start = self._batch_start
+        start = self.batch_start
         return {
-            "config": config_to_dict(self._config),
+            "config": config_to_dict(self.config),
             **self.ppo.state_dict(),
             **start,
             "matches": _with_engines(start["matches"], _to_tensor),
@@ -175,7 +164,7 @@ class TrainingState:
         Raises:
             CheckpointError: It is not that of such a training.
         """
-        state, collector, seed = saved.state, self.ppo.collector, self._config.seed
+        state, collector, seed = saved.state, self.ppo.collector, self.config.seed
         has_crashed = self.crashes > saved.crashes
         try:
             self.evaluated_at = state["evaluated_at"]
@@ -189,7 +178,7 @@ class TrainingState:
                 # The training's own seed would begin its first matches again.
                 entropy = np.random.SeedSequence([seed, self.crashes, saved.frames])
                 seed = int(entropy.generate_state(1)[0])
-            if has_crashed or self._config.collector == "ray" or not saved.has_matches:
+            if has_crashed or self.config.collector == "ray" or not saved.has_matches:
                 collector.set_seed(seed)
                 collector.reset()
             else:
