@@ -6,7 +6,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from fbrl.ppo.reward_scale import RewardScale
+from fbrl.ppo.algorithm import RewardScale
 
 
 def batch_of(reward, done):

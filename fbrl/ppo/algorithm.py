@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value.functional import reward2go
 
 from fbrl.config import PPOConfig
 from fbrl.ppo.advantages import add_advantages, explained_variance
-from fbrl.ppo.reward_scale import RewardScale
 from fbrl.ppo.update import minibatches, update
 
 if TYPE_CHECKING:
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 _CRITIC_LOSSES = {"l2": "l2", "huber": "smooth_l1"}
 """TorchRL's names of them."""
+
+_DECAY = 0.99
+"""Of a batch's weight with each later one."""
 
 
 class PPO:
@@ -73,14 +77,8 @@ class PPO:
             model.parameters(), config.learning_rate, eps=1e-5, fused=True
         )
         self._reward_scale = RewardScale(config.gamma)
-        self._learned_keys = [
-            *model.in_keys,
-            "action",
-            "action_log_prob",
-            "advantage",
-            "value_target",
-            "state_value",
-        ]
+        learned = ("action", "action_log_prob", "advantage", "value_target", "state_value")
+        self._learned_keys = [*model.in_keys, *learned]
 
     def collect(self) -> TensorDictBase:
         """Plays ``num_steps`` steps in each match; see :meth:`BatchCollector.collect`."""
@@ -122,10 +120,7 @@ class PPO:
         return {**losses, "learning_rate": learning_rate}
 
     def state_dict(self) -> dict[str, Any]:
-        """What has been learned, as a checkpoint takes it.
-
-        What the collector goes on from and the random numbers are not in it.
-        """
+        """What has been learned; not what the collector goes on from, nor the random numbers."""
         return {
             "frames": self.frames,
             "model": self.model.state_dict(),
@@ -152,3 +147,37 @@ class PPO:
             end = config.entropy_coeff_end
             self.loss.entropy_coeff.fill_(end + (config.entropy_coeff - end) * left)
         return learning_rate
+
+
+class RewardScale:
+    """The root mean square of discounted returns, averaged over the latest hundred batches or so.
+
+    Divided by it, rewards of any size lead to returns of about 1, for which the learning rate, the
+    norm of gradients and the weight of the critic's loss are made. It is what Stable-Baselines3's
+    ``VecNormalize`` and OpenAI's Baselines do; rewards are not shifted, which would change what is
+    best where episodes have different lengths.
+    """
+
+    def __init__(self, gamma: float) -> None:
+        self._gamma = gamma
+        self._square = self._weight = 0.0
+
+    def update(self, batch: TensorDictBase) -> float:
+        """Takes in a batch (num_envs, num_steps), and returns what to divide its rewards by.
+
+        What is paid after the batch's end is not counted.
+        """
+        following = batch.get("next")
+        returns = reward2go(following.get("reward"), following.get("done"), self._gamma)
+        square = float(returns.double().square().mean())
+        self._square = _DECAY * self._square + (1 - _DECAY) * square
+        self._weight = _DECAY * self._weight + 1 - _DECAY
+        return math.sqrt(self._square / self._weight) or 1.0
+
+    def state_dict(self) -> dict[str, float]:
+        """What later scales depend on."""
+        return {"square": self._square, "weight": self._weight}
+
+    def load_state_dict(self, state: Mapping[str, float]) -> None:
+        """Goes on from what :meth:`state_dict` returned."""
+        self._square, self._weight = float(state["square"]), float(state["weight"])
