@@ -12,7 +12,7 @@ from torchrl.modules import MaskedCategorical
 from torchrl.objectives import ClipPPOLoss
 
 from fbrl.models import ActorCritic, build_actor_critic
-from fbrl.models.policy_head import PolicyHead
+from fbrl.models.collection_policy import PolicyHead
 
 WRITTEN = ("action", "action_log_prob", "state_value")
 

@@ -22,10 +22,9 @@ from torchrl.envs import (
 from torchrl.objectives import ClipPPOLoss
 
 import fbrl.models.actor_critic
+import fbrl.models.collection_policy
 import fbrl.models.impala
 import fbrl.models.mlp
-import fbrl.models.player_set
-import fbrl.models.policy_head
 from fbrl.models import MLP, ActorCritic, ImpalaCNN, build_actor_critic
 from fbrl.models.impala import max_pool_same
 from fbrl.transforms import PLAYERS_FEATURES, MiniMapCells, Simple115, SuperMiniMap
@@ -362,8 +361,7 @@ def test_parameters_are_created_on_the_device_asked_for(observation):
         fbrl.models.actor_critic,
         fbrl.models.impala,
         fbrl.models.mlp,
-        fbrl.models.player_set,
-        fbrl.models.policy_head,
+        fbrl.models.collection_policy,
     ],
 )
 def test_documented_examples_run(module):

@@ -2,8 +2,7 @@
 
 from fbrl.models.actor_critic import ActorCritic, CollectionPolicy, build_actor_critic
 from fbrl.models.impala import ImpalaCNN
-from fbrl.models.mlp import MLP
-from fbrl.models.player_set import PlayerSet
+from fbrl.models.mlp import MLP, PlayerSet
 
 __all__ = [
     "MLP",

@@ -17,10 +17,9 @@ from torchrl.modules import ActorValueOperator, ProbabilisticActor, ValueOperato
 from fbrl.checks.counts import check_count
 from fbrl.components import NETWORKS
 from fbrl.envs.factory import make_observation, observed_key, observed_spec
-from fbrl.models.collection_policy import CollectionPolicy
+from fbrl.models.collection_policy import CollectionPolicy, PolicyHead
 from fbrl.models.mirror import MIRRORED_ACTIONS, MIRRORS, MirroredTrunk
 from fbrl.models.mlp import orthogonal
-from fbrl.models.policy_head import PolicyHead
 
 __all__ = ["ActorCritic", "CollectionPolicy", "build_actor_critic"]
 
@@ -37,7 +36,7 @@ class ActorCritic(ActorValueOperator):
         trunk: maps the observation to features; a :class:`~fbrl.models.mirror.MirroredTrunk` also
             to whether they are those of the mirrored state, which it writes as ``mirrored``.
         observation_key: what the trunk reads.
-        num_features: size of the trunk's output.
+        num_features: size of its output.
         num_actions: number of discrete actions.
         device: where the parameters of the heads live.
         is_masked: whether the policy reads ``action_mask`` and chooses none that is false there.
@@ -80,12 +79,12 @@ class ActorCritic(ActorValueOperator):
 
     def get_collection_policy(self) -> CollectionPolicy:
         """Returns the policy that acts in the environment; it shares the parameters."""
-        trunk = self.get_submodule("module.0.module")
-        policy_head = self.get_submodule("module.1.module.0.module")
-        value_head = self.get_submodule("module.2.module")
-        observation_key = self.module[0].in_keys[0]
         return CollectionPolicy(
-            trunk, policy_head, value_head, observation_key, is_masked=self._is_masked
+            trunk=self.get_submodule("module.0.module"),
+            policy_head=self.get_submodule("module.1.module.0.module"),
+            value_head=self.get_submodule("module.2.module"),
+            observation_key=self.module[0].in_keys[0],
+            is_masked=self._is_masked,
         )
 
 
@@ -141,7 +140,14 @@ def build_actor_critic(
         trunk = NETWORKS.make(network, options, spec.shape)
         num_features = getattr(trunk, "num_features", None) or _size_of_features(trunk, spec)
         if is_mirrored:
-            trunk = MirroredTrunk(trunk, _mirror_of(key, num_actions))
+            if key not in MIRRORS:
+                raise ValueError(f"The observation {key!r} has no mirror in fbrl.models.mirror.")
+            if num_actions != len(MIRRORED_ACTIONS):
+                raise ValueError(
+                    f"num_actions is {num_actions}, but only gfootball's {len(MIRRORED_ACTIONS)} "
+                    "actions can be mirrored."
+                )
+            trunk = MirroredTrunk(trunk, MIRRORS[key]())
     return ActorCritic(trunk, key, num_features, num_actions, device, is_masked=is_masked)
 
 
@@ -154,14 +160,3 @@ def _size_of_features(network: nn.Module, spec: TensorSpec) -> int:
             f"of shape {(1, *spec.shape)}; it must make features of shape (1, number)."
         )
     return int(features.shape[-1])
-
-
-def _mirror_of(key: NestedKey, num_actions: int) -> nn.Module:
-    if key not in MIRRORS:
-        raise ValueError(f"The observation {key!r} has no mirror in fbrl.models.mirror.MIRRORS.")
-    if num_actions != len(MIRRORED_ACTIONS):
-        raise ValueError(
-            f"num_actions is {num_actions}, but only gfootball's {len(MIRRORED_ACTIONS)} "
-            f"actions can be mirrored."
-        )
-    return MIRRORS[key]()

@@ -1,35 +1,77 @@
-"""The policy that acts in the environment."""
+"""The policy's last layer, and the policy that acts in the environment."""
 
 from __future__ import annotations
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torch import nn
+from torch import Tensor, nn
 from torchrl.envs.utils import ExplorationType, exploration_type
 
-from fbrl.models.policy_head import PolicyHead
+from fbrl.models.mirror import MIRRORED_ACTIONS
 
-__all__ = ["CollectionPolicy"]
+MASKED_LOGIT = -1e9
+"""The logit of a masked action: its probability is exactly 0.
+
+Not minus infinity, with which the entropy's gradient would be no number.
+"""
+
+
+class PolicyHead(nn.Linear):
+    """A linear layer from features to the logits of discrete actions.
+
+    With masked logits the usual ``Categorical`` has the probabilities, the entropy and the
+    log-probabilities of a categorical distribution over the actions that are left, like
+    ``torchrl.modules.MaskedCategorical``, at no further cost.
+
+    Examples:
+        >>> import torch
+        >>> mask = torch.tensor([True] * 18 + [False])
+        >>> logits = PolicyHead(8, 19)(torch.zeros(8), action_mask=mask)
+        >>> logits.softmax(-1)[18].item()
+        0.0
+    """
+
+    mirrored_actions: Tensor
+
+    def __init__(
+        self, num_features: int, num_actions: int, device: torch.device | str | None = None
+    ) -> None:
+        super().__init__(num_features, num_actions, device=device)
+        order = torch.tensor(MIRRORED_ACTIONS, device=device)
+        self.register_buffer("mirrored_actions", order, persistent=False)
+
+    def forward(
+        self, hidden: Tensor, mirrored: Tensor | None = None, action_mask: Tensor | None = None
+    ) -> Tensor:
+        """Maps (..., num_features) to (..., num_actions).
+
+        Args:
+            hidden: the features.
+            mirrored: bool (...,), where they are those of the mirrored state: the logits are those
+                of the mirrored actions there. Only for gfootball's 19 actions.
+            action_mask: bool (..., num_actions), false for an action that must not be chosen. In a
+                row without any true one all are equally probable.
+        """
+        logits = super().forward(hidden)
+        if mirrored is not None:
+            back = logits.index_select(-1, self.mirrored_actions)
+            logits = torch.where(mirrored.unsqueeze(-1), back, logits)
+        if action_mask is not None:
+            logits = logits.masked_fill(~action_mask, MASKED_LOGIT)
+        return logits
 
 
 class CollectionPolicy(TensorDictModuleBase):
     """Chooses actions, and writes their log-probability and the value of the state.
 
-    The same numbers as the operators of :class:`~fbrl.models.ActorCritic`, from one call of the
-    trunk, without building distributions and without writing ``hidden`` and ``logits``, which a
-    collector would store. Nothing it writes requires gradients. The tensordict may be on another
-    device than the parameters: only what is read and written is moved.
+    The same numbers as the operators of :class:`~fbrl.models.ActorCritic`, whose parts it shares,
+    from one call of the trunk, without building distributions and without writing ``hidden`` and
+    ``logits``, which a collector would store. Nothing it writes requires gradients. The tensordict
+    may be on another device than the parameters: only what is read and written is moved.
 
     Actions are sampled, or the most probable ones under
     ``torchrl.envs.set_exploration_type(ExplorationType.DETERMINISTIC)``.
-
-    Args:
-        trunk: maps the observation to features.
-        policy_head: maps the features to logits.
-        value_head: maps the features to a value.
-        observation_key: what the trunk reads.
-        is_masked: whether ``action_mask`` is read too.
     """
 
     def __init__(
@@ -47,28 +89,36 @@ class CollectionPolicy(TensorDictModuleBase):
         self.value_head = value_head
         self.in_keys = [observation_key, "action_mask"] if is_masked else [observation_key]
         self.out_keys = ["action", "action_log_prob", "state_value"]
-        self._pinned: dict[str, torch.Tensor] = {}
+        self._pinned: dict[str, Tensor] = {}
 
-    @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Adds ``action``, ``action_log_prob`` and ``state_value``."""
-        return self._act(tensordict, exploration_type() or ExplorationType.RANDOM)
+        exploration = exploration_type() or ExplorationType.RANDOM
+        if exploration is ExplorationType.RANDOM:
+            return self.sample(tensordict)
+        if exploration not in (ExplorationType.DETERMINISTIC, ExplorationType.MODE):
+            raise ValueError(
+                f"The exploration type is {exploration}, but discrete actions have no such value: "
+                "set ExplorationType.RANDOM to sample, or DETERMINISTIC for the most probable "
+                "action."
+            )
+        return self._write(tensordict, None)
 
-    @torch.no_grad()
     def sample(self, tensordict: TensorDictBase) -> TensorDictBase:
         """As ``forward``, with sampled actions whatever the exploration type.
 
         All threads have one exploration type, and TorchRL's losses set it: a thread that acts while
         another one learns must not read it.
         """
-        return self._act(tensordict, ExplorationType.RANDOM)
+        noise = self.draw_noise(tensordict.numel()).reshape(*tensordict.shape, -1)
+        return self._write(tensordict, noise)
 
     @property
     def device(self) -> torch.device:
         """Where the parameters are."""
         return self.value_head.weight.device
 
-    def draw_noise(self, num_states: int) -> torch.Tensor:
+    def draw_noise(self, num_states: int) -> Tensor:
         """The random numbers that sample an action in so many states, shape (num_states, actions).
 
         An action is sampled by adding independent Gumbel noise to the logits and taking the largest
@@ -78,11 +128,8 @@ class CollectionPolicy(TensorDictModuleBase):
         return head.weight.new_empty((num_states, head.out_features)).exponential_().log_().neg_()
 
     def act(
-        self,
-        observation: torch.Tensor,
-        noise: torch.Tensor | None,
-        action_mask: torch.Tensor | None = None,
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        self, observation: Tensor, noise: Tensor | None, action_mask: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """Chooses actions by tensors alone; to be called under ``torch.no_grad()``.
 
         Args:
@@ -105,23 +152,15 @@ class CollectionPolicy(TensorDictModuleBase):
         log_prob = log_probs.gather(-1, action.unsqueeze(-1)).squeeze(-1)
         return action, log_prob, self.value_head(hidden)
 
-    def _act(self, tensordict: TensorDictBase, exploration: ExplorationType) -> TensorDictBase:
+    @torch.no_grad()
+    def _write(self, tensordict: TensorDictBase, noise: Tensor | None) -> TensorDictBase:
         observation, *masks = (self._read(tensordict, key) for key in self.in_keys)
-        noise = None
-        if exploration is ExplorationType.RANDOM:
-            noise = self.draw_noise(tensordict.numel()).reshape(*tensordict.shape, -1)
-        elif exploration not in (ExplorationType.DETERMINISTIC, ExplorationType.MODE):
-            raise ValueError(
-                f"The exploration type is {exploration}, but discrete actions have no such value: "
-                "set ExplorationType.RANDOM to sample, or DETERMINISTIC for the most probable "
-                "action."
-            )
         for key, value in zip(self.out_keys, self.act(observation, noise, *masks), strict=True):
             tensordict.set(key, value.to(observation.device))
         return tensordict
 
     @staticmethod
-    def _read(tensordict: TensorDictBase, key: NestedKey) -> torch.Tensor:
+    def _read(tensordict: TensorDictBase, key: NestedKey) -> Tensor:
         entry = tensordict.get(key, None)
         if entry is None:
             remedy = "one of fbrl's action masks" if key == "action_mask" else "its observation"
@@ -131,7 +170,7 @@ class CollectionPolicy(TensorDictModuleBase):
             )
         return entry
 
-    def _on_device(self, name: str, entry: torch.Tensor) -> torch.Tensor:
+    def _on_device(self, name: str, entry: Tensor) -> Tensor:
         device = self.device
         if entry.device == device or device.type != "cuda":
             return entry.to(device)

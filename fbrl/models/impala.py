@@ -8,7 +8,7 @@ from typing import cast
 
 import torch
 import torch.nn.functional as F  # noqa: N812
-from torch import nn
+from torch import Tensor, nn
 
 from fbrl.checks.counts import check_count
 from fbrl.models.cell_convolution import convolve_and_pool_cells
@@ -20,8 +20,6 @@ from fbrl.transforms.minimap_grid import (
     cells_to_planes,
 )
 
-__all__ = ["ImpalaCNN"]
-
 
 class ImpalaCNN(nn.Module):
     """gfootball's ``gfootball_impala_cnn``: from pictures, such as stacked mini maps, to features.
@@ -32,19 +30,14 @@ class ImpalaCNN(nn.Module):
     normal distribution of standard deviation ``1 / sqrt(fan_in)`` truncated at two of them, and
     biases of zero.
 
-    The input is either minimap cells (int16, ``(*batch, num_frames, 24)``), which are drawn as
-    planes on a GPU and convolved without them on a CPU, or those planes (uint8, ``(*batch,
-    4 * num_frames, 72, 96)``), for which the output is the same; or pictures of any size (uint8,
-    ``(*batch, 3, height, width)``).
+    Minimap cells are drawn as planes on a GPU and convolved without them on a CPU; the output is
+    the same as that of the planes.
 
     Args:
-        observation_shape: of what is read, cells (frames, 24), planes (4 * frames, 72, 96)
-            or a picture (3, height, width).
+        observation_shape: of what is read: cells (frames, 24), int16; planes (4 * frames, 72, 96)
+            or a picture (3, height, width), uint8.
         num_features: size of the output.
         device: where the parameters live.
-
-    Raises:
-        ValueError: It is another shape.
 
     Examples:
         >>> import torch
@@ -78,12 +71,8 @@ class ImpalaCNN(nn.Module):
         # On CPUs this layout takes half the time.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Maps cells, planes or pictures of any batch shape to ``(*batch, num_features)``.
-
-        Raises:
-            ValueError: They are of another shape or dtype.
-        """
+    def forward(self, observation: Tensor) -> Tensor:
+        """Maps cells, planes or pictures of any batch shape to ``(*batch, num_features)``."""
         first, *others = cast("Iterable[_Stage]", self.stages)
         pooled, batch = self._convolve_and_pool(first.conv, observation)
         features = first.residual(pooled)
@@ -92,10 +81,8 @@ class ImpalaCNN(nn.Module):
         features = F.relu(features, inplace=True).flatten(1)
         return F.relu(self.linear(features), inplace=True).view(*batch, self.num_features)
 
-    def _convolve_and_pool(
-        self, conv: nn.Conv2d, observation: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Size]:
-        """The first convolution and pooling, and the batch shape of the observation."""
+    def _convolve_and_pool(self, conv: nn.Conv2d, observation: Tensor) -> tuple[Tensor, torch.Size]:
+        """What the first convolution and pooling make, and the batch shape of the observation."""
         shape, dtype = observation.shape, conv.weight.dtype
         if observation.dtype == torch.int16 and shape[-2:] == self.cell_shape:
             cells = observation.reshape(-1, *shape[-2:])
@@ -121,10 +108,10 @@ class _Stage(nn.Module):
         self.residual_1 = _ResidualBlock(num_out, device)
         self.residual_2 = _ResidualBlock(num_out, device)
 
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
+    def forward(self, x: Tensor) -> Tensor:
         return self.residual(max_pool_same(self.conv(x)))
 
-    def residual(self, x: torch.Tensor) -> torch.Tensor:
+    def residual(self, x: Tensor) -> Tensor:
         return self.residual_2(self.residual_1(x))
 
 
@@ -134,33 +121,22 @@ class _ResidualBlock(nn.Module):
         self.conv_1 = nn.Conv2d(num_channels, num_channels, 3, padding=1, device=device)
         self.conv_2 = nn.Conv2d(num_channels, num_channels, 3, padding=1, device=device)
 
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
+    def forward(self, x: Tensor) -> Tensor:
         return x + self.conv_2(F.relu(self.conv_1(F.relu(x)), inplace=True))
 
 
-def max_pool_same(x: torch.Tensor) -> torch.Tensor:
+def max_pool_same(x: Tensor) -> Tensor:
     """Max-pools 3x3 with stride 2 under TensorFlow's ``SAME`` padding.
 
     An even size is padded by one behind and none in front, an odd size by one on both sides.
-    PyTorch's symmetric padding of one would shift the windows of even sizes.
-
-    Args:
-        x: ``(batch, channels, height, width)``.
-
-    Returns:
-        ``(batch, channels, ceil(height / 2), ceil(width / 2))``.
-
-    Examples:
-        >>> import torch
-        >>> max_pool_same(torch.arange(12.0).view(1, 1, 2, 6)).tolist()
-        [[[[8.0, 10.0, 11.0]]]]
+    PyTorch's symmetric padding of one would shift the windows of even sizes. It maps ``(batch,
+    channels, height, width)`` to ``(batch, channels, ceil(height / 2), ceil(width / 2))``.
     """
     padding = (x.shape[-2] % 2, x.shape[-1] % 2)
     return F.max_pool2d(x, kernel_size=3, stride=2, padding=padding, ceil_mode=True)
 
 
 def _plane_shape(shape: tuple[int, ...]) -> tuple[int, int, int]:
-    """Planes, height and width of an observation."""
     layers = len(SMM_LAYERS)
     if len(shape) == 2 and shape[1] == CELLS_PER_FRAME:
         return check_count("observation_shape[0]", shape[0]) * layers, SMM_HEIGHT, SMM_WIDTH

@@ -1,9 +1,9 @@
 """States seen from one side: mirrored along the pitch where the ball is in its upper half.
 
-The pitch is symmetric, so what is right to do in a state is right, mirrored, in the mirrored state.
-A network that sees only states with the ball in the lower half (y >= 0) needs to learn half as
-much. It is part of the network, which has the direction that it chose in what it sees mirrored
-back: all that is stored, logged and played is as it was, and the ratios of PPO are exact.
+What is right to do in a state is right, mirrored, in the mirrored state: a network that sees only
+states with the ball in the lower half (y >= 0) needs to learn half as much. The mirror is part of
+the network, which has the direction that it chose mirrored back: all that is stored, logged and
+played is as it was, and the ratios of PPO are exact.
 """
 
 from __future__ import annotations
@@ -16,15 +16,6 @@ from torch import Tensor, nn
 from fbrl.envs.actions import ACTION_NAMES
 from fbrl.transforms.minimap_grid import ABSENT, SMM_HEIGHT, SMM_LAYERS, SMM_WIDTH
 from fbrl.transforms.players_table import PLAYERS_FEATURES
-
-__all__ = [
-    "MIRRORED_ACTIONS",
-    "MIRRORS",
-    "CellsMirror",
-    "MirroredTrunk",
-    "PixelsMirror",
-    "PlanesMirror",
-]
 
 _SWAPPED = {"top": "bottom", "bottom": "top"}
 _BALL_CELL = 22
@@ -52,15 +43,11 @@ class VectorMirror(nn.Module):
     sign: Tensor
 
     def __init__(
-        self,
-        order: Sequence[int],
-        is_y: Sequence[bool],
-        ball_y: int,
-        padding: float | None = None,
+        self, order: Sequence[int], is_y: Sequence[bool], ball_y: int, padding: float | None = None
     ) -> None:
         super().__init__()
-        self.register_buffer("order", torch.tensor(order), persistent=False)
         sign = 1 - 2 * torch.tensor(is_y, dtype=torch.float32)
+        self.register_buffer("order", torch.tensor(order), persistent=False)
         self.register_buffer("sign", sign, persistent=False)
         self.ball_y = ball_y
         self.padding = padding
@@ -119,12 +106,7 @@ class PixelsMirror(nn.Module):
 
 
 class MirroredTrunk(nn.Module):
-    """A trunk that sees every state with the ball in the lower half.
-
-    Args:
-        trunk: maps the observation to features.
-        mirror: maps the observation to what is seen, and to whether it is mirrored.
-    """
+    """A trunk that sees every state with the ball in the lower half, through a mirror."""
 
     def __init__(self, trunk: nn.Module, mirror: nn.Module) -> None:
         super().__init__()
