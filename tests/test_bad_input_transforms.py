@@ -146,7 +146,7 @@ def test_an_observation_that_is_missing_or_of_another_kind_is_named(transform):
         (lambda: MiniMapCells(1.5), TypeError, "num_frames is 1.5"),
         (lambda: MiniMapCells("4"), TypeError, "num_frames is '4'"),
         (lambda: MiniMapCells(True), TypeError, "num_frames is True"),
-        (lambda: MiniMapCells(out_keys=[]), ValueError, "out_keys 1 for"),
+        (lambda: MiniMapCells(out_keys=[]), ValueError, "out_keys must name 1 keys"),
         (lambda: Simple115(in_keys=[]), ValueError, "in_keys must name 9 keys"),
         (lambda: ScoringReward(keys=["reward"]), TypeError, "expected a dictionary"),
     ],

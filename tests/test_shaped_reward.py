@@ -78,14 +78,24 @@ def step(**changes):
 @pytest.mark.parametrize(
     ("key", "value", "error", "message"),
     [
-        ("left_team", torch.zeros(1, 11, 2).int(), TypeError, r"int32; expected floating.*\.float"),
-        ("left_team", torch.zeros(1, 11, 3), ValueError, r"\(1, 11, 3\); expected \(1, 11, 2\)\.$"),
-        ("score", torch.zeros(1, 2), TypeError, r"float32; expected an integer.*\.long"),
-        ("score", torch.zeros(1, 1).long(), ValueError, r"\(1, 1\); expected \(1, 2\)\.$"),
+        (
+            "left_team",
+            torch.zeros(1, 11, 2).int(),
+            TypeError,
+            r"int32, but must be floating.*\.float",
+        ),
+        (
+            "left_team",
+            torch.zeros(1, 11, 3),
+            ValueError,
+            r"\(1, 11, 3\), but .* needs \(1, 11, 2\)\.",
+        ),
+        ("score", torch.zeros(1, 2), TypeError, r"float32, but must be an integer.*\.long"),
+        ("score", torch.zeros(1, 1).long(), ValueError, r"\(1, 1\), but .* needs \(1, 2\)\."),
     ],
 )
 def test_a_wrong_entry_is_named_with_what_is_right(key, value, error, message):
-    with pytest.raises(error, match=f"'{key}' in 'next'.*{message}"):
+    with pytest.raises(error, match=f"in 'next': '{key}'.*{message}"):
         ForwardReward()(step(**{key: value}))
 
 

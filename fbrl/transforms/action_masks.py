@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
-from tensordict import NestedKey
 from torch import Tensor
 
 from fbrl.envs.actions import ACTION_NAMES
 from fbrl.transforms.action_memory import KICKS
-from fbrl.transforms.ball_control import Observation
-from fbrl.transforms.raw_observation import RawObservationTransform
-
-__all__ = ["EngineActionMask", "ExpertActionMask"]
+from fbrl.transforms.raw_observation import Keys, RawObservationTransform
 
 _IDLE, _LONG_PASS, _HIGH_PASS, _SHOT = (
     ACTION_NAMES.index(name) for name in ("idle", "long_pass", "high_pass", "shot")
@@ -31,23 +25,15 @@ class EngineActionMask(RawObservationTransform):
     - release direction, release sprint and release dribble while there is nothing to release.
 
     So three of the 19 actions are masked in each state, and nothing that can be reached is lost.
-
-    Other actions are said to do nothing in some states, but whether the engine heeds a kick or a
-    slide depends on what no observation shows, and changes within a step (``humancontroller.cpp``).
-    In 3,569 states of six scenarios, each gone on from with every action: kicks made a difference
-    in 86 % of the states in which an opponent had the ball and in 88 % of those in which nobody had
-    it and it was further than 0.03 away, since the engine keeps them for when the player gets it;
-    another kick right after one in 9 %; sliding with the ball at one's feet in 2 %.
+    Whether the engine heeds a kick or a slide depends on what no observation shows
+    (``humancontroller.cpp``), so that these are never masked.
 
     For a policy that reads the mask see :func:`fbrl.models.build_actor_critic`; TorchRL's
     ``ActionMask``, put after this one, makes random actions heed it.
 
     Args:
-        in_keys: where to find what is read, in the order of the defaults.
+        in_keys: where to find the raw observations, in the order of :attr:`fields`.
         out_keys: where to write the mask.
-
-    Raises:
-        ValueError: if there are more or fewer keys than these.
 
     Examples:
         >>> import torch
@@ -65,7 +51,17 @@ class EngineActionMask(RawObservationTransform):
 
     def compute(self, *fields: Tensor) -> Tensor:
         """Returns which actions may be chosen, bool (*batch, 19)."""
-        return _does_something(fields[0])
+        held = fields[0].bool()
+        free = ~held
+        direction = held[..., :8].any(-1, keepdim=True)
+        always = torch.ones_like(direction)
+        any_kick = always.expand(*always.shape[:-1], len(KICKS))
+        sprint, dribble = slice(8, 9), slice(9, 10)
+        # Idle, directions, kicks, sprint, release direction, release sprint, sliding, dribble,
+        # release dribble.
+        columns = [always, free[..., :8], any_kick, free[..., sprint], direction]
+        columns += [held[..., sprint], always, free[..., dribble], held[..., dribble]]
+        return torch.cat(columns, -1)
 
 
 class ExpertActionMask(EngineActionMask):
@@ -88,11 +84,8 @@ class ExpertActionMask(EngineActionMask):
         shot_from_x: where the zone begins; it ends at the goal line. TiZero: 0.4.
         shot_half_width: half its width. TiZero: 0.3.
         mask_idle: whether idle is masked. TiZero: it is.
-        in_keys: where to find what is read, in the order of the defaults.
-        out_keys: where to write the mask.
-
-    Raises:
-        ValueError: if there are more or fewer keys than these.
+        in_keys: as in :class:`EngineActionMask`.
+        out_keys: likewise.
 
     Examples:
         >>> import torch
@@ -117,8 +110,8 @@ class ExpertActionMask(EngineActionMask):
         shot_from_x: float = 0.64,
         shot_half_width: float = 0.27,
         mask_idle: bool = False,
-        in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
+        in_keys: Keys = None,
+        out_keys: Keys = None,
     ) -> None:
         super().__init__(in_keys, out_keys)
         self.shot_from_x = shot_from_x
@@ -126,11 +119,14 @@ class ExpertActionMask(EngineActionMask):
         self.mask_idle = mask_idle
 
     def compute(self, *fields: Tensor) -> Tensor:
-        """Returns which actions may be chosen, bool (*batch, 19)."""
-        observation = dict(zip(self.fields, fields, strict=True))
-        held, ball = observation["sticky_actions"], observation["ball"]
-        mask = _does_something(held)
-        has_chance = _may_reach_ball(observation)
+        """See :meth:`EngineActionMask.compute`."""
+        mask = super().compute(*fields)
+        held, left_team, ball, active, team, game_mode = fields
+        # As PARIS has it: the ball is ours, or nobody's and near, or nobody's in a stopped game.
+        index = active.long().clamp(min=0)[..., None, None].expand(*active.shape, 1, 2)
+        place = left_team.gather(-2, index).squeeze(-2)
+        distance = torch.linalg.vector_norm(ball[..., :2] - place, dim=-1)
+        has_chance = (team != 1) & ~((team == -1) & (distance > 0.03) & (game_mode == 0))
         for action in (*KICKS, _DRIBBLE):
             mask[..., action] &= has_chance
         mask[..., _SLIDING] = ~has_chance & (held[..., 9] == 0)
@@ -142,34 +138,3 @@ class ExpertActionMask(EngineActionMask):
         if self.mask_idle:
             mask[..., _IDLE] = False
         return mask
-
-
-def _does_something(held: Tensor) -> Tensor:
-    held = held.bool()
-    free = ~held
-    direction = held[..., :8].any(-1, keepdim=True)
-    always = torch.ones_like(direction)
-    # In the order of the actions: idle, directions, kicks, sprint, release direction, release
-    # sprint, sliding, dribble, release dribble.
-    columns = [
-        always,
-        free[..., :8],
-        always.expand(*always.shape[:-1], 4),
-        free[..., 8:9],
-        direction,
-        held[..., 8:9],
-        always,
-        free[..., 9:],
-        held[..., 9:],
-    ]
-    return torch.cat(columns, -1)
-
-
-def _may_reach_ball(observation: Observation) -> Tensor:
-    """As PARIS has it: ours, or nobody's and near, or nobody's while the game has stopped."""
-    team, active = observation["ball_owned_team"], observation["active"].long().clamp(min=0)
-    index = active[..., None, None].expand(*active.shape, 1, 2)
-    place = observation["left_team"].gather(-2, index).squeeze(-2)
-    distance = torch.linalg.vector_norm(observation["ball"][..., :2] - place, dim=-1)
-    is_far = (team == -1) & (distance > 0.03) & (observation["game_mode"] == 0)
-    return (team != 1) & ~is_far

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Mapping
 from typing import Literal, get_args
 
@@ -10,10 +11,9 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from fbrl.density import AssistDensity
+from fbrl.density import AssistDensity, open_density
 from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
 from fbrl.transforms.memory import Memory, latest_before_steps
-from fbrl.transforms.reward_arguments import check_number, density_from
 from fbrl.transforms.shaped_reward import ShapedReward
 
 Transition = Literal["possession", "consecutive"]
@@ -29,25 +29,22 @@ class AssistDensityReward(ShapedReward):
 
     with the ball's position :math:`b'` in s', the densities of where goal-assisting passes start
     and end, :math:`f_{start} \in [0, 0.001]` and :math:`f_{end} \in [0, 0.1]` for the shipped pair,
-    and :math:`\mathrm{active}(s') = 1` if the controlled player has the ball. These are equations
-    4.1 to 4.9 of a thesis of the University of Groningen, *Enhancing football simulation
-    performance in deep reinforcement learning through analytics-based dense reward shaping*. The
-    scoring reward R is unchanged.
+    and :math:`\mathrm{active}(s') = 1` if the controlled player has the ball: equations 4.1 to 4.9
+    of a thesis of the University of Groningen, *Enhancing football simulation performance in deep
+    reinforcement learning through analytics-based dense reward shaping*.
 
     ``transition(s, s')`` says that the controlled player received a pass:
 
     - ``"possession"``: a controlled player has the ball in play, and the last controlled player who
       had it was another one. He is forgotten when the other team has the ball, at a dead ball
-      (``game_mode != 0``) and at the end of the episode; not while the ball is in flight, or at a
-      team-mate who is not controlled.
+      (``game_mode != 0``) and at the end of the episode.
     - ``"consecutive"``: the literal reading, the controlled player's index in s' differs from that
-      in s. The engine gives control to the receiver when the pass is played, while nobody has the
-      ball, so this seldom pays.
+      in s. The engine gives control to the receiver when the pass is played, so this seldom pays.
 
-    Entries, each per match (``...`` is any batch shape, also none). Read under ``"next"``, and at
-    a reset:
+    Entries, each per match (``...`` is any batch shape, also none). Read under ``"next"``, and but
+    for the reward at a reset:
 
-    - ``reward`` (..., 1): the scoring reward (not at a reset).
+    - ``reward`` (..., 1): the scoring reward.
     - ``ball`` (..., 2 or more): x and y first, the pitch being [-1, 1] x [-0.42, 0.42].
     - ``ball_owned_team`` (...) integer: -1 nobody, 0 the own team, 1 the other.
     - ``ball_owned_player`` and ``active`` (...) integer: players of the own team.
@@ -67,32 +64,25 @@ class AssistDensityReward(ShapedReward):
     before the action; with ``"consecutive"`` the memory is called ``last_active`` and holds the
     controlled player's index. Stored data can be relabelled, see :meth:`forward`.
 
-    .. warning:: The reward can be farmed. Holding the ball at the start density's peak is worth
-        0.134 discounted (gamma 0.993), and a pass back and forth every 20 steps 0.76 goals. Judge
-        agents by goals, not by this return. Answers to it: a small ``weight``; an ``episode_cap``,
-        after which only goals pay (what is left of it is not observed, so that the critic can't
-        know when it ends); ``release_at_goal``; and
-        :class:`~fbrl.transforms.AssistDensityPotential`, which pays as much back as it pays out and
-        so leaves the best policy as it is.
+    .. warning:: It can be farmed, by holding the ball or passing it to and fro. Judge agents by
+       goals, not by this return. A small ``weight``, ``episode_cap``, ``release_at_goal`` and
+       :class:`~fbrl.transforms.AssistDensityPotential` are answers to it.
 
     Args:
         density: the densities, the path of a file that holds them, or a name that
-            :func:`fbrl.density.open_density` knows. Default: those that fbrl ships
-            (:meth:`fbrl.density.AssistDensity.default`).
+            :func:`fbrl.density.open_density` knows; by default those that fbrl ships.
         transition: the reading of ``transition(s, s')``.
         weight: factor of both densities, at least 0.
         start_weight: further factor of the start density, at least 0.
         end_weight: that of the end density.
         episode_cap: what both densities' rewards of an episode sum up to at most, without
             discount, in goals; at least 0, by default no limit. The step that would exceed it is
-            paid in part, in equal shares, and later ones not at all; scoring is never touched. The
-            sum so far, of what is withheld too, is then an entry ``density_paid`` (...) float32, at
-            the root and under ``"next"``, and only whole trajectories can be relabelled.
+            paid in part, in equal shares, and later ones not at all. The sum so far is an entry
+            ``density_paid`` (...) float32, at the root and under ``"next"``, and only whole
+            trajectories can be relabelled.
         release_at_goal: withhold what the densities earn until the own team scores, and pay it
-            then; without a goal it is lost. So nothing is earned by what leads to no goal. What a
-            goal would pay is not observed, so that the critic can't know it: it is an entry
-            ``density_withheld`` (..., 2) float32, of the start and of the end density, and only
-            whole trajectories can be relabelled.
+            then; without a goal it is lost. It is an entry ``density_withheld`` (..., 2) float32,
+            for both densities, and only whole trajectories can be relabelled.
         keys: other names for the entries above, by their usual name; ``None`` for an integer that
             the environment lacks, which is then 0. With all of them ``None`` a single player has
             the ball all the time.
@@ -117,16 +107,6 @@ class AssistDensityReward(ShapedReward):
         reward_scoring: 0.0000
         reward_start_density: 0.0007
         reward_end_density: 0.0544
-
-        Around an environment with these observations, with the parts summed per episode::
-
-            env = TransformedEnv(
-                env,
-                Compose(
-                    AssistDensityReward(),
-                    RewardSum(in_keys=["reward_scoring", "reward_end_density"]),
-                ),
-            )
     """
 
     density: AssistDensity
@@ -148,14 +128,15 @@ class AssistDensityReward(ShapedReward):
                 f"transition is {transition!r}; expected one of {get_args(Transition)}."
             )
         carrier = "last_ball_carrier" if transition == "possession" else "last_active"
+        memory = [carrier]
+        if episode_cap is not None:
+            memory.append("density_paid")
+        if release_at_goal:
+            memory.append("density_withheld")
         super().__init__(
             observations=("ball", "ball_owned_team", "ball_owned_player", "active", "game_mode"),
             parts=("reward_start_density", "reward_end_density"),
-            memory=(
-                carrier,
-                *(() if episode_cap is None else ("density_paid",)),
-                *(("density_withheld",) if release_at_goal else ()),
-            ),
+            memory=memory,
             keys=keys,
         )
         self.density = density_from(density)
@@ -193,11 +174,12 @@ class AssistDensityReward(ShapedReward):
     ) -> Memory:
         if not self._stored_memory_is_valid:
             return super()._memory_before(first, observation, scoring, done, time)
-        active, lost = observation["active"], ball_lost(observation)
-        value, changes = torch.where(lost, NOBODY, active), in_control(observation) | lost
         if self.transition == "consecutive":
-            value, changes = active, torch.ones_like(lost)
-        carrier = latest_before_steps(first[self._carrier], done, value, changes, time)
+            return first
+        lost = ball_lost(observation)
+        changes = in_control(observation) | lost
+        carrier = observation["active"].masked_fill(lost, NOBODY)
+        carrier = latest_before_steps(first[self._carrier], done, carrier, changes, time)
         return {self._carrier: carrier}
 
     def _advance(
@@ -240,3 +222,28 @@ class AssistDensityReward(ShapedReward):
         start = self.density.start(position) * (active * self.start_weight)
         end = self.density.end(position) * (received * self.end_weight)
         return start, end
+
+
+def check_number(name: str, value: float, highest: float = sys.float_info.max) -> float:
+    """A number from 0 to ``highest``, as a float; a TypeError or ValueError for another one."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"{name} is {value!r}; expected a number.")
+    if not 0 <= value <= highest:
+        unbounded = highest == sys.float_info.max
+        allowed = "of at least 0" if unbounded else f"from 0 to {highest:g}"
+        raise ValueError(f"{name} is {value!r}; expected a finite number {allowed}.")
+    return float(value)
+
+
+def density_from(density: AssistDensity | str | os.PathLike[str] | None) -> AssistDensity:
+    """The densities that a reward is given; see :func:`fbrl.density.open_density` for errors."""
+    if density is None:
+        return AssistDensity.default()
+    if isinstance(density, (str, os.PathLike)):
+        return open_density(density)
+    if not isinstance(density, AssistDensity):
+        raise TypeError(
+            f"density is a {type(density).__name__}; expected an AssistDensity, a name or the path "
+            "of a density file, or None for the shipped one."
+        )
+    return density

@@ -24,12 +24,5 @@ def ball_lost(observation: Observation) -> Tensor:
 
 
 def last_carrier(carrier: Tensor, active: Tensor, control: Tensor, lost: Tensor) -> Tensor:
-    """The controlled player who had the ball last since it was lost.
-
-    Args:
-        carrier: the same before this step, ``NOBODY`` for none.
-        active: the controlled player.
-        control: see :func:`in_control`.
-        lost: see :func:`ball_lost`.
-    """
+    """The controlled player who had the ball last since it was lost, from the one before a step."""
     return torch.where(control, active, carrier).masked_fill(lost, NOBODY)

@@ -24,30 +24,18 @@ class CheckpointReward(ShapedReward):
     is collected when the controlled player has the ball at that distance or less. A goal
     (``reward == 1``) pays those not yet collected, so that every scored episode earns the same.
 
-    Entries, each per match (``...`` is any batch shape, also none). Read under ``"next"``:
-
-    - ``reward`` (..., 1): the scoring reward.
-    - ``ball`` (..., 2 or more): x and y first; a NaN coordinate collects nothing.
-    - ``ball_owned_team`` (...) integer: 0 is the own team.
-    - ``ball_owned_player`` and ``active`` (...) integer: players of the own team.
-
-    Written under ``"next"``:
+    Entries, each per match, are read as by :class:`~fbrl.transforms.AssistDensityReward`, but for
+    ``game_mode``; a ball with a NaN coordinate collects nothing. Written under ``"next"``:
 
     - ``reward`` (..., 1): ``reward_scoring + reward_checkpoint``.
     - ``reward_scoring`` (..., 1): the reward that was read.
     - ``reward_checkpoint`` (..., 1) float32: 0 to 1, at most 1 over an episode.
     - ``checkpoints_collected`` (...) int64: 0 to 10. Also at the root: before the action.
 
-    Integers may have a trailing dimension of size 1. Stored data can be relabelled, see
-    :meth:`forward`.
+    Stored data can be relabelled, see :meth:`forward`.
 
     Args:
-        keys: other names for these entries, by their usual name; ``None`` for an integer that the
-            environment lacks, which is then 0.
-
-    Raises:
-        ValueError: if one of them is not an entry of this transform.
-        TypeError: if a name is neither a text nor a tuple.
+        keys: as for :class:`~fbrl.transforms.AssistDensityReward`.
 
     Examples:
         >>> import torch

@@ -1,30 +1,109 @@
-"""What depends on the steps before, worked out for a whole batch of ordered steps."""
+"""What is remembered of an episode, step by step and for a whole batch of ordered steps."""
 
 from __future__ import annotations
 
+import functools
+from abc import abstractmethod
 from collections.abc import Callable
 
 import torch
+from tensordict import NestedKey, TensorDictBase
 from tensordict.utils import expand_as_right
 from torch import Tensor
+from torchrl.data import Bounded, Composite, TensorSpec, Unbounded
+from torchrl.envs import Transform
 
-__all__ = [
-    "Memory",
-    "latest_before_steps",
-    "memory_before_steps",
-    "totals_after_steps",
-    "unbind",
-    "where",
-]
+from fbrl.transforms.raw_observation import zeros_of
 
 Memory = dict[str, Tensor]
 """What is remembered of an episode, by its usual names; each begins with the match's shape."""
 
 
+class MemoryTransform(Transform):
+    """Base of the transforms that remember something of an episode.
+
+    The memory lives in the tensordict, as :class:`~torchrl.envs.StepCounter`'s count does: the
+    root entries are the memory before the action, those under ``"next"`` the memory after it. The
+    module holds no state, so single, batched, vectorised and partially reset environments,
+    collectors and stored data all work alike.
+    """
+
+    memory_bounds: tuple[int, int] | None = None
+    """The lowest and the highest number that is remembered, if there are such."""
+
+    @property
+    @abstractmethod
+    def memory_keys(self) -> tuple[NestedKey, ...]:
+        """The keys of the memory."""
+
+    @abstractmethod
+    def begin(self, state: TensorDictBase) -> None:
+        """Sets the memory of episodes that begin with these observations."""
+
+    def _before(self, tensordict: TensorDictBase) -> list[Tensor]:
+        """The memory before a step, in the order of the keys."""
+        memory = []
+        for key in self.memory_keys:
+            entry = tensordict.get(key, None)
+            if entry is None:
+                raise KeyError(
+                    f"{type(self).__name__} found no {key!r} in the tensordict that was stepped. "
+                    "Step what env.reset() or step_mdp() of the previous step returned, with that "
+                    "entry kept."
+                )
+            memory.append(entry)
+        return memory
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Remembered is step by step in an environment; there is nothing to do here."""
+        return tensordict
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        mask = tensordict.get("_reset", None)
+        # Read before anything is written, since both may be the same tensordict.
+        memory = {key: tensordict.get(key, None) for key in self.memory_keys}
+        self.begin(tensordict_reset)
+        for key, kept in memory.items():
+            if mask is not None and kept is not None:
+                is_reset = expand_as_right(mask.squeeze(-1), kept)
+                tensordict_reset.set(key, torch.where(is_reset, tensordict_reset.get(key), kept))
+        return tensordict_reset
+
+    def _reset_on_native_autoreset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._reset(tensordict, tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Adds the memory to the observation."""
+        for key, spec in self._memory_specs(observation_spec).items():
+            observation_spec[key] = spec
+        return observation_spec
+
+    def transform_state_spec(self, state_spec: Composite) -> Composite:
+        """Adds the memory to what a step needs, so that batched environments hand it on."""
+        for key, spec in self._memory_specs(self.parent.full_observation_spec).items():
+            state_spec[key] = spec
+        return state_spec
+
+    def _memory_specs(self, observation_spec: Composite) -> dict[NestedKey, TensorSpec]:
+        first = zeros_of(observation_spec, self.in_keys)
+        self.begin(first)
+        kind = Unbounded
+        if self.memory_bounds is not None:
+            kind = functools.partial(Bounded, *self.memory_bounds)
+        return {
+            key: kind(shape=value.shape, dtype=value.dtype, device=value.device)
+            for key, value in ((key, first.get(key)) for key in self.memory_keys)
+        }
+
+
 def memory_before_steps(
     first: Memory, ended: Tensor, remember: Callable[[int, Memory], Memory], time: int
 ) -> Memory:
-    """The memory before each step.
+    """The memory before each step, step by step.
 
     Args:
         first: the memory before each step if an episode began with it; that of the very first step
@@ -32,61 +111,36 @@ def memory_before_steps(
         ended: boolean, whether an episode ended with each step.
         remember: given the number of a step and the memory before it, returns the memory after it.
         time: dimension along which the steps follow each other.
-
-    Examples:
-        >>> import torch
-        >>> first, ended = {"count": torch.zeros(1, 4)}, torch.tensor([[False, False, True, False]])
-        >>> def count(step, memory):
-        ...     return {"count": memory["count"] + 1}
-        >>> memory_before_steps(first, ended, count, time=1)
-        {'count': tensor([[0., 1., 2., 0.]])}
     """
     firsts, ends = unbind(first, time), ended.unbind(time)
     memories = [firsts[0]]
-    for step in range(len(firsts) - 1):
-        remembered = remember(step, memories[-1])
-        memories.append(where(ends[step], firsts[step + 1], remembered))
+    for step, begun in enumerate(firsts[1:]):
+        memory = dict(remember(step, memories[-1]))
+        for name, value in begun.items():
+            memory[name] = torch.where(expand_as_right(ends[step], value), value, memory[name])
+        memories.append(memory)
     return {name: torch.stack([memory[name] for memory in memories], time) for name in first}
 
 
 def latest_before_steps(
     first: Tensor, ended: Tensor, value: Tensor, changes: Tensor, time: int
 ) -> Tensor:
-    """What some steps change and others leave, before each step: all steps at once.
+    """The same of what some steps change and others leave, for all steps at once.
 
     Args:
-        first: what it is before each step if an episode began with it; that of the very first step
-            is taken as it is.
-        ended: boolean, whether an episode ended with each step.
+        first: as for :func:`memory_before_steps`.
+        ended: likewise.
         value: what it is after a step that changes it.
         changes: boolean, which steps do.
         time: dimension along which the steps follow each other.
-
-    Examples:
-        >>> import torch
-        >>> ended = torch.tensor([False, False, False, True, False])
-        >>> changes = torch.tensor([False, True, False, False, True])
-        >>> latest_before_steps(torch.zeros(5), ended, torch.arange(5.0), changes, time=0)
-        tensor([0., 0., 1., 1., 0.])
     """
-    begins = torch.ones_like(ended)
-    length = ended.shape[time]
-    begins.narrow(time, 1, length - 1).copy_(ended.narrow(time, 0, length - 1))
-    known, values = begins.clone(), first.clone()
-    known.narrow(time, 1, length - 1).logical_or_(changes.narrow(time, 0, length - 1))
-    values.narrow(time, 1, length - 1).copy_(value.narrow(time, 0, length - 1))
-    values = torch.where(begins, first, values)
-    steps = torch.arange(length, device=ended.device)
-    steps = steps.reshape([-1 if d == time % ended.ndim else 1 for d in range(ended.ndim)])
-    return values.gather(time, torch.where(known, steps, 0).cummax(time).values)
-
-
-def where(mask: Tensor, chosen: Memory, other: Memory) -> Memory:
-    """Takes from ``chosen`` where the mask is true, and from ``other`` elsewhere."""
-    return {
-        name: torch.where(expand_as_right(mask, value), value, other[name])
-        for name, value in chosen.items()
-    }
+    first, ended, value, changes = (t.movedim(time, 0) for t in (first, ended, value, changes))
+    begins = torch.cat([torch.ones_like(ended[:1]), ended[:-1]])
+    known = begins | torch.cat([begins[:1], changes[:-1]])
+    values = torch.where(begins, first, torch.cat([first[:1], value[:-1]]))
+    steps = torch.arange(len(ended), device=ended.device).reshape(-1, *[1] * (ended.ndim - 1))
+    latest = torch.where(known, steps, 0).cummax(0).values
+    return values.gather(0, latest).movedim(0, time)
 
 
 def unbind(entries: dict[str, Tensor], dimension: int) -> list[dict[str, Tensor]]:
@@ -96,22 +150,14 @@ def unbind(entries: dict[str, Tensor], dimension: int) -> list[dict[str, Tensor]
 
 
 def totals_after_steps(start: Tensor, amounts: Tensor, ended: Tensor) -> Tensor:
-    """Sums since each episode's beginning, added up in the order of the steps.
+    """Sums since each episode's beginning, after each step (num_envs, num_steps, amounts).
+
+    Those after an episode's last step are the whole episode's.
 
     Args:
         start: the totals before the first step, shape (num_envs, amounts).
         amounts: what each step adds, shape (num_envs, num_steps, amounts).
         ended: boolean, whether an episode ended with each step, shape (num_envs, num_steps).
-
-    Returns:
-        The totals after each step, shape (num_envs, num_steps, amounts); those of an episode's
-        last step are the whole episode's.
-
-    Examples:
-        >>> import torch
-        >>> ended = torch.tensor([[False, True, False]])
-        >>> totals_after_steps(torch.tensor([[5.0]]), torch.ones(1, 3, 1), ended).flatten()
-        tensor([6., 7., 1.])
     """
     totals, total = [], start
     for amount, end in zip(amounts.unbind(1), ended.unsqueeze(-1).unbind(1), strict=True):

@@ -1,21 +1,19 @@
 """The Super Mini Map of Google Research Football, compact and dense.
 
-A frame marks up to 24 cells of a grid of 72 rows and 96 columns: 11 left players, 11 right
-players, the ball, and the active player. Dense, four stacked frames are 110,592 bytes of which at
-most 96 are not zero. :class:`MiniMapCells` keeps the 96 cell indices (192 bytes) and
-:func:`cells_to_planes` draws them where they are needed, for example on the GPU, inside a network.
+Dense, four stacked frames are 110,592 bytes of which at most 96 are not zero. :class:`MiniMapCells`
+keeps the 96 cell indices (192 bytes) and :func:`cells_to_planes` draws them where they are needed,
+for example on the GPU, inside a network.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
 from torchrl.data import Bounded, Composite
-from torchrl.envs import Transform
 
 from fbrl.checks.counts import check_count
+from fbrl.transforms.memory import MemoryTransform
 from fbrl.transforms.minimap_grid import (
     ABSENT,
     CELLS_PER_FRAME,
@@ -26,24 +24,21 @@ from fbrl.transforms.minimap_grid import (
     cells_to_planes,
     frame_cells,
 )
-from fbrl.transforms.raw_observation import read_fields
+from fbrl.transforms.raw_observation import Keys, check_keys, read_fields
 
 __all__ = ["MiniMapCells", "SuperMiniMap", "cells_to_planes"]
 
 _FIELDS = ("left_team", "right_team", "ball", "active", "left_team_roles", "right_team_roles")
 
 
-class MiniMapCells(Transform):
+class MiniMapCells(MemoryTransform):
     """Super Mini Map as cell indices, stacked over the latest frames.
 
     Writes ``minimap_cells``, an int16 tensor of shape ``(*batch, num_frames, 24)``, oldest frame
     first. A frame holds the cells of 11 left players, 11 right players, the ball and the active
     player; a cell is ``row * 96 + column`` of gfootball's ``generate_smm``, and -1 marks a player
-    who isn't there (roles of -1, or no active player). A reset fills the stack with the first
-    frame.
-
-    The stack of the previous step is read from the tensordict, not kept in the module: partial
-    resets, batched environments and resuming from a stored tensordict need nothing else.
+    who isn't there (roles of -1, a NaN position, or no active player). A reset fills the stack with
+    the first frame.
 
     As a replay buffer transform, or called on a stored trajectory, it computes the cells from the
     raw observations where the batch has none yet. The last batch dimension must then be named
@@ -54,13 +49,6 @@ class MiniMapCells(Transform):
         in_keys: where to find ``left_team``, ``right_team``, ``ball``, ``active``,
             ``left_team_roles`` and ``right_team_roles``, in this order.
         out_keys: where to write the cells.
-
-    Raises:
-        ValueError: if there are fewer frames than one, or more or fewer keys than these.
-        TypeError: if ``num_frames`` is no integer.
-
-    Who is at a NaN position is left out, as one who isn't there; an ``active`` that is no index of
-    the left team is an error on a CPU.
 
     Examples:
         >>> import torch
@@ -82,118 +70,71 @@ class MiniMapCells(Transform):
         (True, -1, (70, 95))
     """
 
-    def __init__(
-        self,
-        num_frames: int = 4,
-        in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
-    ) -> None:
-        num_frames = check_count("num_frames", num_frames)
+    memory_bounds = (ABSENT, NUM_CELLS - 1)
+    _entries: tuple[str, ...] = ("minimap_cells",)
+
+    def __init__(self, num_frames: int = 4, in_keys: Keys = None, out_keys: Keys = None) -> None:
         super().__init__(
             in_keys=list(_FIELDS) if in_keys is None else in_keys,
-            out_keys=self._default_out_keys() if out_keys is None else out_keys,
+            out_keys=list(self._entries) if out_keys is None else out_keys,
         )
-        if len(self.in_keys) != len(_FIELDS) or len(self.out_keys) != len(self._default_out_keys()):
-            raise ValueError(
-                f"{type(self).__name__}: in_keys must name {len(_FIELDS)} keys for {_FIELDS}, and "
-                f"out_keys {len(self._default_out_keys())} for {self._default_out_keys()}, in this "
-                f"order; got in_keys={self.in_keys} and out_keys={self.out_keys}."
-            )
-        self.num_frames = num_frames
+        check_keys(self, _FIELDS, self._entries)
+        self.num_frames = check_count("num_frames", num_frames)
 
-    @staticmethod
-    def _default_out_keys() -> list[str]:
-        return ["minimap_cells"]
+    @property
+    def memory_keys(self) -> tuple[NestedKey, ...]:
+        """The key of the cells, which hold the frames before."""
+        return (self.out_keys[0],)
+
+    def begin(self, state: TensorDictBase) -> None:
+        """Fills the stack of episodes that begin with these observations."""
+        frames = self._frame(state).unsqueeze(-2).repeat_interleave(self.num_frames, -2)
+        state.set(self.out_keys[0], frames)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        stack = tensordict.get(self.out_keys[0], None)
-        if stack is None:
-            raise KeyError(
-                f"{type(self).__name__}: the previous frames, {self.out_keys[0]!r}, are missing "
-                f"from the tensordict given to step(). Pass on what reset() returned, or what "
-                f"step_mdp() made of the last step, with the action added."
-            )
+        (stack,) = self._before(tensordict)
         if stack.dtype != torch.int16 or stack.shape[-2:] != (self.num_frames, CELLS_PER_FRAME):
             raise ValueError(
                 f"{type(self).__name__}: {self.out_keys[0]!r} of the step before is {stack.dtype} "
                 f"of shape {tuple(stack.shape)}, but must be torch.int16 of shape (*batch, "
                 f"{self.num_frames}, {CELLS_PER_FRAME})."
             )
-        self._write(next_tensordict, _push(stack, self._frame(next_tensordict)))
-        return next_tensordict
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        stack = _fill(self._frame(tensordict_reset), self.num_frames)
-        reset = tensordict.get("_reset", None)
-        previous = tensordict.get(self.out_keys[0], None)
-        if reset is not None and previous is not None:
-            stack = torch.where(reset.unsqueeze(-1), stack, previous)
-        self._write(tensordict_reset, stack)
-        return tensordict_reset
-
-    _reset_on_native_autoreset = _reset
+        return self._push(stack, next_tensordict)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Computes the cells of a stored trajectory, unless the batch already has them."""
-        if tensordict.get(self.out_keys[0], None) is None:
-            self._stack_trajectory(tensordict)
-        return tensordict
-
-    def _frame(self, tensordict: TensorDictBase) -> torch.Tensor:
-        return frame_cells(*read_fields(tensordict, self.in_keys, _FIELDS, type(self).__name__))
-
-    def _write(self, tensordict: TensorDictBase, cells: torch.Tensor) -> None:
-        tensordict.set(self.out_keys[0], cells)
-
-    def _stack_trajectory(self, trajectory: TensorDictBase) -> None:
-        names = trajectory.names
+        if tensordict.get(self.out_keys[0], None) is not None:
+            return tensordict
+        names = tensordict.names
         if not names or names[-1] != "time":
             raise ValueError(
-                f"{type(self).__name__}: the frames of a batch can only be stacked along time, but "
-                f"its dimensions are named {names}. Collect {self.out_keys[0]!r} in the "
-                f"environment, or call refine_names(..., 'time') on a batch whose last dimension "
-                f"is time."
+                f"{type(self).__name__}: frames can only be stacked along time, but the dimensions "
+                f"are named {names}. Collect {self.out_keys[0]!r} in the environment, or call "
+                "refine_names(..., 'time') on a batch whose last dimension is time."
             )
-        frames = self._frame(trajectory)
-        done = trajectory.get(("next", "done"), None)
-        cells = _stack_history(frames, done, self.num_frames)
-        self._write(trajectory, cells)
-        if ("next", self.in_keys[0]) in trajectory.keys(include_nested=True):
-            following = trajectory.get("next")
-            self._write(following, _push(cells, self._frame(following)))
+        done = tensordict.get(("next", "done"), None)
+        cells = _stack_history(self._frame(tensordict), done, self.num_frames)
+        tensordict.set(self.out_keys[0], cells)
+        if ("next", self.in_keys[0]) in tensordict.keys(include_nested=True):
+            self._push(cells, tensordict.get("next"))
+        return tensordict
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Adds the cells to the observation."""
-        observation_spec[self.out_keys[0]] = self._cells_spec(observation_spec)
-        return observation_spec
+    def _frame(self, tensordict: TensorDictBase) -> Tensor:
+        return frame_cells(*read_fields(tensordict, self.in_keys, _FIELDS, type(self).__name__))
 
-    def transform_input_spec(self, input_spec: Composite) -> Composite:
-        """Adds the cells to the state: each step reads those of the step before."""
-        input_spec["full_state_spec", self.out_keys[0]] = self._cells_spec(
-            input_spec["full_state_spec"]
-        )
-        return input_spec
-
-    def _cells_spec(self, parent: Composite) -> Bounded:
-        return Bounded(
-            ABSENT,
-            NUM_CELLS - 1,
-            shape=(*parent.shape, self.num_frames, CELLS_PER_FRAME),
-            dtype=torch.int16,
-            device=parent.device,
-        )
+    def _push(self, stack: Tensor, following: TensorDictBase) -> TensorDictBase:
+        """Writes the stack with the frame that follows in place of the oldest one."""
+        cells = torch.cat([stack[..., 1:, :], self._frame(following).unsqueeze(-2)], -2)
+        return following.set(self.out_keys[0], cells)
 
 
 class SuperMiniMap(MiniMapCells):
     """Super Mini Map as dense planes, stacked over the latest frames.
 
     Writes ``smm``, a uint8 tensor of shape ``(*batch, num_frames * 4, 72, 96)`` with 255 at the
-    marked cells. Channel ``4 * frame + layer`` holds one of the layers left team, right team, ball
-    and active player; the oldest frame comes first. It equals gfootball's ``SMMWrapper`` under
-    ``FrameStack`` after moving the channels to the front. ``minimap_cells``, from which the planes
-    are drawn, is written too: see :class:`MiniMapCells`.
+    marked cells, and the ``minimap_cells`` of :class:`MiniMapCells`. Channel ``4 * frame + layer``
+    holds one of the layers left team, right team, ball and active player; the oldest frame comes
+    first. It equals gfootball's ``SMMWrapper`` under ``FrameStack`` with the channels in front.
 
     Dense planes take 576 times the memory of the cells. In a replay buffer that stores
     ``minimap_cells`` this transform draws the planes of what is sampled.
@@ -215,51 +156,37 @@ class SuperMiniMap(MiniMapCells):
         [[2, 36, 48], [6, 36, 48], [10, 36, 48], [14, 36, 48]]
     """
 
-    @staticmethod
-    def _default_out_keys() -> list[str]:
-        return ["minimap_cells", "smm"]
+    _entries = ("minimap_cells", "smm")
 
-    def _write(self, tensordict: TensorDictBase, cells: torch.Tensor) -> None:
-        super()._write(tensordict, cells)
-        tensordict.set(self.out_keys[1], cells_to_planes(cells))
+    def _draw(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return tensordict.set(self.out_keys[1], cells_to_planes(tensordict.get(self.out_keys[0])))
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return self._draw(super()._step(tensordict, next_tensordict))
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._draw(super()._reset(tensordict, tensordict_reset))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Draws the planes of stored cells, computing the cells first where there are none."""
-        cells = tensordict.get(self.out_keys[0], None)
-        if cells is None:
-            self._stack_trajectory(tensordict)
-            return tensordict
-        self._write(tensordict, cells)
+        self._draw(super().forward(tensordict))
         following = tensordict.get("next", None)
         if following is not None and following.get(self.out_keys[0], None) is not None:
-            self._write(following, following.get(self.out_keys[0]))
+            self._draw(following)
         return tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Adds the cells and the planes to the observation."""
         observation_spec = super().transform_observation_spec(observation_spec)
-        channels = self.num_frames * len(SMM_LAYERS)
-        observation_spec[self.out_keys[1]] = Bounded(
-            0,
-            255,
-            shape=(*observation_spec.shape, channels, SMM_HEIGHT, SMM_WIDTH),
-            dtype=torch.uint8,
-            device=observation_spec.device,
-        )
+        channels, device = self.num_frames * len(SMM_LAYERS), observation_spec.device
+        shape = (*observation_spec.shape, channels, SMM_HEIGHT, SMM_WIDTH)
+        observation_spec[self.out_keys[1]] = Bounded(0, 255, shape, device, torch.uint8)
         return observation_spec
 
 
-def _push(stack: torch.Tensor, frame: torch.Tensor) -> torch.Tensor:
-    return torch.cat([stack[..., 1:, :], frame.unsqueeze(-2)], -2)
-
-
-def _fill(frame: torch.Tensor, num_frames: int) -> torch.Tensor:
-    return frame.unsqueeze(-2).repeat_interleave(num_frames, -2)
-
-
-def _stack_history(
-    frames: torch.Tensor, done: torch.Tensor | None, num_frames: int
-) -> torch.Tensor:
+def _stack_history(frames: Tensor, done: Tensor | None, num_frames: int) -> Tensor:
     """Stacks the frames of a trajectory, without reaching into an older episode."""
     batch = frames.shape[:-1]
     time = torch.arange(batch[-1], device=frames.device)

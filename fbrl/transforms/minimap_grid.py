@@ -5,18 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import torch
-
-__all__ = [
-    "ABSENT",
-    "CELLS_PER_FRAME",
-    "NUM_CELLS",
-    "SMM_HEIGHT",
-    "SMM_LAYERS",
-    "SMM_WIDTH",
-    "cells_to_planes",
-    "channels_of_cells",
-    "frame_cells",
-]
+from torch import Tensor
 
 SMM_WIDTH = 96
 SMM_HEIGHT = 72
@@ -30,18 +19,18 @@ _LAYER_OF_CELL = (0,) * 11 + (1,) * 11 + (2, 3)
 
 
 def frame_cells(
-    left_team: torch.Tensor,
-    right_team: torch.Tensor,
-    ball: torch.Tensor,
-    active: torch.Tensor,
-    left_team_roles: torch.Tensor,
-    right_team_roles: torch.Tensor,
-) -> torch.Tensor:
+    left_team: Tensor,
+    right_team: Tensor,
+    ball: Tensor,
+    active: Tensor,
+    left_team_roles: Tensor,
+    right_team_roles: Tensor,
+) -> Tensor:
     """Finds the cells that gfootball's ``generate_smm`` marks for one frame.
 
     Args:
-        left_team: positions, floating point of shape ``(*batch, 11, 2)``. Outside the grid they
-            count as its nearest cell; who is at a NaN position isn't there.
+        left_team: positions, floating point ``(*batch, 11, 2)``. Outside the grid they count as its
+            nearest cell; who is at a NaN position isn't there.
         right_team: likewise.
         ball: its position, ``(*batch, 3)``.
         active: index of the active player in the left team, or -1 for none, ``(*batch,)``.
@@ -49,12 +38,11 @@ def frame_cells(
         right_team_roles: likewise.
 
     Returns:
-        int16 of shape ``(*batch, 24)``: the cells ``row * 96 + column`` of 11 left players, 11
-        right players, the ball and the active player; -1 for those who aren't there.
+        int16 ``(*batch, 24)``: the cells of the left and right players, the ball and the active
+        player, as :class:`~fbrl.transforms.MiniMapCells` writes them.
 
     Raises:
-        ValueError: if ``active`` is neither -1 nor an index of the left team. On a GPU it is an
-            error of the device.
+        ValueError: if ``active`` is no index of the left team; on a GPU a device's error instead.
     """
     low, extent, size, last = _grid(ball.device)
     points = torch.cat([left_team, right_team, ball[..., None, :2]], -2)
@@ -77,8 +65,8 @@ def frame_cells(
 
 
 def cells_to_planes(
-    cells: torch.Tensor, dtype: torch.dtype = torch.uint8, *, channels_last: bool = False
-) -> torch.Tensor:
+    cells: Tensor, dtype: torch.dtype = torch.uint8, *, channels_last: bool = False
+) -> Tensor:
     """Draws minimap cells as planes, on the device of the cells.
 
     Args:
@@ -100,7 +88,7 @@ def cells_to_planes(
         >>> planes.shape, planes[:, 3, 0, 95].tolist(), planes.sum().item()
         (torch.Size([2, 16, 72, 96]), [1.0, 1.0], 8.0)
     """
-    if not isinstance(cells, torch.Tensor):
+    if not isinstance(cells, Tensor):
         raise ValueError(
             f"cells_to_planes: cells are a {type(cells).__name__}, but must be a tensor."
         )
@@ -130,19 +118,17 @@ def cells_to_planes(
 
 
 @lru_cache
-def _grid(device: torch.device) -> tuple[torch.Tensor, ...]:
+def _grid(device: torch.device) -> tuple[Tensor, ...]:
     # As tensors on the device, since a GPU divides by a Python number through its reciprocal.
-    y_min, y_max = -1.0 / 2.25, 1.0 / 2.25
-    low, extent = [-1.0, y_min], [2.0, y_max - y_min]
+    half_height = 1.0 / 2.25
+    low, extent = [-1.0, -half_height], [2.0, 2 * half_height]
     size, last = [SMM_WIDTH, SMM_HEIGHT], [SMM_WIDTH - 1, SMM_HEIGHT - 1]
-    return tuple(
-        torch.tensor(values, dtype=torch.float64, device=device)
-        for values in (low, extent, size, last)
-    )
+    rows = torch.tensor([low, extent, size, last], dtype=torch.float64, device=device)
+    return rows.unbind()
 
 
 @lru_cache
-def channels_of_cells(frames: int, device: torch.device) -> torch.Tensor:
+def channels_of_cells(frames: int, device: torch.device) -> Tensor:
     """The channel of :func:`cells_to_planes` that each cell is drawn in, shape (frames, 24)."""
     layers = torch.tensor(_LAYER_OF_CELL, device=device)
     return torch.arange(frames, device=device)[:, None] * len(SMM_LAYERS) + layers

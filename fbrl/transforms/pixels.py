@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import torch
-from tensordict import NestedKey
 from torch import Tensor
 
 from fbrl.checks.counts import check_count
 from fbrl.density.coordinates import METRES_PER_UNIT, PITCH_LENGTH, PITCH_WIDTH
-from fbrl.transforms.raw_observation import RawObservationTransform
-
-__all__ = ["Pixels"]
+from fbrl.transforms.raw_observation import Keys, RawObservationTransform
 
 MARGIN = 4.0
 """Grass around the pitch, where players may run, metres."""
@@ -55,14 +51,10 @@ class Pixels(RawObservationTransform):
     It is drawn on the device of the observations.
 
     Args:
-        height: of the picture, pixels.
+        height: of the picture, 24 to 1024 pixels.
         width: likewise.
         in_keys: where to find the raw observations, in the order of :attr:`fields`.
         out_keys: where to write the picture.
-
-    Raises:
-        ValueError: if a side is out of range, or there are more or fewer keys than these.
-        TypeError: if a side is no integer.
 
     Examples:
         >>> from fbrl.envs import make_env
@@ -88,11 +80,7 @@ class Pixels(RawObservationTransform):
     out_key = "pixels"
 
     def __init__(
-        self,
-        height: int = 72,
-        width: int = 96,
-        in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
+        self, height: int = 72, width: int = 96, in_keys: Keys = None, out_keys: Keys = None
     ) -> None:
         super().__init__(in_keys, out_keys)
         for name, side in (("height", height), ("width", width)):
@@ -102,37 +90,27 @@ class Pixels(RawObservationTransform):
                 )
         self.height, self.width = height, width
 
-    def compute(
-        self,
-        left_team: Tensor,
-        left_team_direction: Tensor,
-        left_team_active: Tensor,
-        right_team: Tensor,
-        right_team_direction: Tensor,
-        right_team_active: Tensor,
-        ball: Tensor,
-        ball_direction: Tensor,
-        active: Tensor,
-    ) -> Tensor:
+    def compute(self, *fields: Tensor) -> Tensor:
         """Returns the pictures (*batch, 3, height, width)."""
-        batch = active.shape
-        picture = _Picture(batch.numel(), self.height, self.width, active.device)
-        left, right = left_team.reshape(-1, 11, 2), right_team.reshape(-1, 11, 2)
-        ball = ball.reshape(-1, 1, 3)
-        left_plays, right_plays = (
-            plays.reshape(-1, 11) == 1 for plays in (left_team_active, right_team_active)
+        *of_teams, ball, ball_direction, active = fields
+        batch, device = active.shape, active.device
+        picture = _Picture(batch.numel(), self.height, self.width, device)
+        left, left_movement, right, right_movement = (
+            of_teams[index].reshape(-1, 11, 2) for index in (0, 1, 3, 4)
         )
+        left_plays, right_plays = (of_teams[index].reshape(-1, 11) == 1 for index in (2, 5))
+        ball, ball_movement = ball.reshape(-1, 1, 3), ball_direction.reshape(-1, 1, 3)
         ball_plays = torch.ones_like(ball[..., 0], dtype=torch.bool)
-        is_controlled = torch.arange(11, device=active.device) == active.reshape(-1, 1)
+        is_controlled = torch.arange(11, device=device) == active.reshape(-1, 1)
 
         trail = max(0.5, _BALL_RADIUS * picture.pixels_per_metre)
-        steps = torch.arange(1, TRAIL_STEPS + 1, device=active.device)[:, None, None]
+        steps = torch.arange(1, TRAIL_STEPS + 1, device=device)[:, None, None]
         for points, movement, plays, colour in (
-            (left, left_team_direction, left_plays, _LEFT_TRAIL),
-            (right, right_team_direction, right_plays, _RIGHT_TRAIL),
-            (ball[..., :2], ball_direction[..., :2], ball_plays, _BALL_TRAIL),
+            (left, left_movement, left_plays, _LEFT_TRAIL),
+            (right, right_movement, right_plays, _RIGHT_TRAIL),
+            (ball[..., :2], ball_movement[..., :2], ball_plays, _BALL_TRAIL),
         ):
-            before = points.unsqueeze(1) - steps * movement.reshape(points.shape).unsqueeze(1)
+            before = points.unsqueeze(1) - steps * movement.unsqueeze(1)
             picture.draw_discs(before.flatten(1, 2), plays.repeat(1, TRAIL_STEPS), colour, trail)
         player = max(1.5, _PLAYER_RADIUS * picture.pixels_per_metre)
         picture.draw_discs(left, left_plays & is_controlled, _CONTROLLED, player + 1.0)
@@ -166,39 +144,30 @@ class _Picture:
         largest: float,
         radius: Tensor | None = None,
     ) -> None:
-        """Discs around points (matches, n, 2).
+        """Paints discs of a number of the palette around points (matches, n, 2) in pitch units.
 
-        Args:
-            points: In pitch units.
-            is_there: Which of them are drawn, bool (matches, n).
-            colour: Their number in the palette.
-            largest: Their radius in pixels.
-            radius: That of each, (matches, n), at most the largest, where they differ.
+        Those are drawn that are there, bool (matches, n). ``largest`` is their radius in pixels;
+        ``radius`` that of each, (matches, n), at most the largest, where they differ.
         """
         offsets = _offsets(int(largest + 0.5), points.device)
         squared = largest**2 if radius is None else radius.square().unsqueeze(-1)
-        is_inside = offsets.square().sum(-1) <= squared + 0.25
-        pixels = self._pixels(points).unsqueeze(-2) + offsets
-        self._fill(pixels, is_there.unsqueeze(-1) & is_inside, colour)
+        is_seen = is_there.unsqueeze(-1) & (offsets.square().sum(-1) <= squared + 0.25)
+        # Column and row; the middle of a pixel is a whole number. In 64 bits, in which a mirrored
+        # match is a mirrored picture: next to the middle line, 32 round points of both sides onto
+        # the same one.
+        middles = (points.double() * self._scale + self._middle).round_()
+        pixels = (middles.unsqueeze(-2) + offsets).nan_to_num(nan=-1.0)
+        column, row = pixels.clamp(-1, LARGEST_SIDE).long().unbind(-1)
+        is_seen = is_seen & (column >= 0) & (column < self._width)
+        is_seen = is_seen & (row >= 0) & (row < self._height)
+        index = self._first + (row * self._width + column)
+        index = torch.where(is_seen, index, len(self._paint) - 1)
+        self._paint.index_fill_(0, index.flatten(), colour)
 
     def colours(self) -> Tensor:
         """Red, green and blue, uint8 (matches, 3, pixels)."""
         paint = self._paint[:-1].view(len(self._first), self._height * self._width).int()
         return torch.stack([channel[paint] for channel in _palette(self._paint.device)], 1)
-
-    def _pixels(self, points: Tensor) -> Tensor:
-        """Column and row of positions in pitch units; the middle of a pixel is a whole number."""
-        # In 64 bits, in which a mirrored match is a mirrored picture: next to the middle line, 32
-        # round points of both sides onto the same one.
-        return (points.double() * self._scale + self._middle).round_()
-
-    def _fill(self, pixels: Tensor, is_there: Tensor, colour: int) -> None:
-        column, row = pixels.nan_to_num(nan=-1.0).clamp(-1, LARGEST_SIDE).long().unbind(-1)
-        is_seen = is_there & (column >= 0) & (column < self._width)
-        is_seen = is_seen & (row >= 0) & (row < self._height)
-        index = self._first + (row * self._width + column)
-        index = torch.where(is_seen, index, len(self._paint) - 1)
-        self._paint.index_fill_(0, index.flatten(), colour)
 
 
 # Made once for each device: to copy numbers there makes a GPU wait.

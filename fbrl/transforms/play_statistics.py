@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import Composite, Unbounded
-from torchrl.envs import Transform
 
 from fbrl.density.coordinates import METRES_PER_UNIT
 from fbrl.transforms.ball_control import NOBODY, Observation, ball_lost, in_control, last_carrier
-from fbrl.transforms.memory import latest_before_steps, totals_after_steps
+from fbrl.transforms.memory import MemoryTransform, latest_before_steps, totals_after_steps
 from fbrl.transforms.raw_observation import read_fields
-
-__all__ = ["PLAY_STATISTICS", "PlayStatistics"]
 
 PLAY_STATISTICS = (
     "goals_for",
@@ -25,14 +21,7 @@ PLAY_STATISTICS = (
 )
 """Names of the totals, in their order."""
 
-_FIELDS = (
-    "ball",
-    "ball_direction",
-    "active",
-    "ball_owned_team",
-    "ball_owned_player",
-    "game_mode",
-)
+_FIELDS = ("ball", "ball_direction", "active", "ball_owned_team", "ball_owned_player", "game_mode")
 
 # On 20,000 steps of scripted and built-in play, with shots told from passes by the action pressed,
 # shots flew at 2 to 3.3 metres a step (100 ms) and passes at 1.2 to 2.1.
@@ -41,12 +30,11 @@ _SHOT_FROM_X = 0.4
 # The posts stand at 0.044: a shot may miss them by 4.7 metres.
 _SHOT_HALF_WIDTH = 0.1
 
-
 Facts = dict[str, Tensor]
 """What a step led to, as far as it doesn't depend on the steps before; each of shape (...)."""
 
 
-class PlayStatistics(Transform):
+class PlayStatistics(MemoryTransform):
     """Count an episode's goals, possession, passes and shots so far.
 
     ``play_statistics`` (..., 6) float32 holds the totals since the reset, named by
@@ -60,16 +48,11 @@ class PlayStatistics(Transform):
       :class:`~fbrl.transforms.AssistDensityReward` takes for a transition;
     - ``shots``: the ball, last had by the left team or by nobody yet, flies freely at 20 m/s or
       more from the last 33 metres towards a point within 8.4 metres of the goal's centre; or a goal
-      is scored without that. A flight counts once. What is seen is the flight, not the action, so
-      that it works for every player, the engine's own too; slow shots that miss are not seen.
+      is scored without that. A flight counts once, whoever's it is; slow shots are not seen.
 
     ``play_memory`` (..., 2) int64 carries the last controlled player with the ball (-1 for none)
     and whether the ball is the left team's with no shot counted since it had it. Like a step
-    counter's count both live in the tensordict, so that vectorised and partially reset environments
-    work; a step needs what the previous step, or the reset, returned.
-
-    It reads the raw keys ``ball``, ``ball_direction``, ``active``, ``ball_owned_team``,
-    ``ball_owned_player`` and ``game_mode``.
+    counter's count both live in the tensordict.
 
     Examples:
         >>> from fbrl.envs import make_env
@@ -81,35 +64,26 @@ class PlayStatistics(Transform):
     def __init__(self) -> None:
         super().__init__(in_keys=list(_FIELDS), out_keys=["play_statistics", "play_memory"])
 
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        self.begin(tensordict_reset)
-        mask = tensordict.get("_reset", None)
-        kept = tensordict.get("play_memory", None)
-        if mask is not None and kept is not None:
-            mask = mask.reshape(kept.shape[:-1]).unsqueeze(-1)
-            for key in self.memory_keys:
-                begun = tensordict_reset.get(key)
-                tensordict_reset.set(key, torch.where(mask, begun, tensordict.get(key)))
-        return tensordict_reset
-
-    _reset_on_native_autoreset = _reset
-
     @property
-    def memory_keys(self) -> tuple[str, ...]:
-        """What :meth:`label` needs from what came before."""
+    def memory_keys(self) -> tuple[NestedKey, ...]:
+        """What a step, and :meth:`label`, needs from what came before."""
         return ("play_memory", "play_statistics")
 
     def begin(self, state: TensorDictBase) -> None:
         """Sets the totals and the memory of episodes that begin with these observations."""
-        facts = self._facts(state)
-        state.set("play_memory", _first_memory(facts))
-        shape, device = facts["active"].shape, facts["active"].device
-        state.set("play_statistics", torch.zeros((*shape, len(PLAY_STATISTICS)), device=device))
+        memory = _first_memory(self._facts(state))
+        state.set("play_memory", memory)
+        totals = torch.zeros(*memory.shape[:-1], len(PLAY_STATISTICS), device=memory.device)
+        state.set("play_statistics", totals)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        totals, memory = self._before(tensordict)
+        memory, totals = self._before(tensordict)
+        for key, entry, size in (("play_statistics", totals, 6), ("play_memory", memory, 2)):
+            if entry.shape[-1:] != (size,):
+                raise ValueError(
+                    f"{key!r} has shape {tuple(entry.shape)}; expected (..., {size}), as "
+                    "PlayStatistics writes it."
+                )
         scoring = next_tensordict.get("reward_scoring", None)
         if scoring is None:
             raise KeyError(
@@ -146,30 +120,7 @@ class PlayStatistics(Transform):
         end.set("play_memory", torch.where(ended, end.get("play_memory"), last))
         end.set("play_statistics", totals[:, -1].masked_fill(ended, 0))
 
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Totals are counted step by step in an environment; there is nothing to do here."""
-        return tensordict
-
-    def _before(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
-        found = []
-        for key, numbers in (("play_statistics", len(PLAY_STATISTICS)), ("play_memory", 2)):
-            entry = tensordict.get(key, None)
-            if entry is None:
-                raise KeyError(
-                    f"PlayStatistics found no {key!r} in the tensordict that was stepped. Step "
-                    "what env.reset() or the previous step returned, with that entry kept."
-                )
-            if entry.shape[-1:] != (numbers,):
-                raise ValueError(
-                    f"{key!r} has shape {tuple(entry.shape)}; expected (..., {numbers}), as "
-                    "PlayStatistics writes it."
-                )
-            found.append(entry)
-        totals, memory = found
-        return totals, memory
-
     def _facts(self, tensordict: TensorDictBase, scoring: Tensor | None = None) -> Facts:
-        """What a step led to, as far as it doesn't depend on earlier ones; each of shape (...)."""
         fields = read_fields(tensordict, self.in_keys, _FIELDS, type(self).__name__)
         observation = dict(zip(_FIELDS, fields, strict=True))
         active, team = observation["active"], observation["ball_owned_team"]
@@ -187,26 +138,6 @@ class PlayStatistics(Transform):
             "at_goal": (free & _flies_at_goal(observation)) | (scoring > 0),
             "scored": scoring > 0,
             "conceded": scoring < 0,
-        }
-
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Adds the totals and the memory."""
-        observation_spec.update(self._specs(observation_spec))
-        return observation_spec
-
-    def transform_state_spec(self, state_spec: Composite) -> Composite:
-        """Adds both to what a step needs, so that batched environments hand them on."""
-        state_spec.update(self._specs(self.parent.full_observation_spec))
-        return state_spec
-
-    @staticmethod
-    def _specs(observation_spec: Composite) -> dict[str, Unbounded]:
-        shape, device = observation_spec["active"].shape, observation_spec.device
-        if shape == (*observation_spec.shape, 1):
-            shape = shape[:-1]
-        return {
-            "play_statistics": Unbounded((*shape, len(PLAY_STATISTICS)), device=device),
-            "play_memory": Unbounded((*shape, 2), dtype=torch.int64, device=device),
         }
 
 
@@ -228,7 +159,7 @@ def _memory(carrier: Tensor, is_ours: Tensor, facts: Facts) -> Tensor:
 
 
 def _happened(memory: Tensor, facts: Facts) -> Tensor:
-    """What a step adds to the totals, boolean of shape (..., 6)."""
+    """What a step adds to the totals, bool (..., 6)."""
     carrier, is_ours = memory.unbind(-1)
     from_another = (carrier > NOBODY) & (carrier != facts["active"])
     passed = facts["control"] & from_another & facts["in_play"]

@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from fbrl.envs.actions import ACTION_NAMES
 
-__all__ = [
-    "MATES",
-    "NUM_FEATURES",
-    "NUM_MATES",
-    "NUM_OPPONENTS",
-    "OPPONENTS",
-    "PLAYERS_FEATURES",
-    "PLAYER_FEATURES",
-    "SINGLE_FEATURES",
-]
-
 NUM_MATES = 10
 NUM_OPPONENTS = 11
+
+_GAME_MODES = ("normal", "kick_off", "goal_kick", "free_kick", "corner", "throw_in", "penalty")
 
 SINGLE_FEATURES: dict[str, str] = {
     **{
@@ -25,18 +16,7 @@ SINGLE_FEATURES: dict[str, str] = {
     },
     **{f"last_{name}": f"1 if the last action was {name}" for name in ACTION_NAMES},
     **{f"last_kick_{name}": f"1 if the last kick was a {name}" for name in ACTION_NAMES[9:13]},
-    **{
-        f"mode_{name}": f"1 in the game mode {name.replace('_', ' ')}"
-        for name in (
-            "normal",
-            "kick_off",
-            "goal_kick",
-            "free_kick",
-            "corner",
-            "throw_in",
-            "penalty",
-        )
-    },
+    **{f"mode_{name}": f"1 in the game mode {name.replace('_', ' ')}" for name in _GAME_MODES},
     "ball_is_free": "1 if nobody has the ball",
     "ball_is_own": "1 if the controlled player has it",
     "ball_is_mates": "1 if a team-mate has it",

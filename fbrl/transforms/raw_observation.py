@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
+from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import Transform
 
 from fbrl.envs.observation import OBSERVATION_SPACE
 
-__all__ = ["FIELD_SHAPES", "FLOAT_FIELDS", "RawObservationTransform", "read_fields"]
+Keys = Sequence[NestedKey] | None
+"""Where to find or to write something; None for the usual names."""
 
 FIELD_SHAPES: dict[str, tuple[int, ...]] = {
     **{key: space.shape or () for key, space in OBSERVATION_SPACE.items()},
@@ -22,8 +24,6 @@ FIELD_SHAPES: dict[str, tuple[int, ...]] = {
 }
 """Shape of each raw field of one match, after the batch dimensions; and of ``ActionMemory``'s."""
 
-_FLOATS = (torch.float32, torch.float64)
-_INTEGERS = (torch.int64, torch.int32, torch.int16, torch.int8)
 FLOAT_FIELDS = {key for key, space in OBSERVATION_SPACE.items() if space.dtype == np.float32}
 """Those that are floating point; the others are integers."""
 
@@ -48,24 +48,15 @@ class RawObservationTransform(Transform):
     out_key: str
     """The usual key of what is computed."""
 
-    def __init__(
-        self,
-        in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
-    ) -> None:
+    def __init__(self, in_keys: Keys = None, out_keys: Keys = None) -> None:
         super().__init__(
             in_keys=list(self.fields) if in_keys is None else in_keys,
             out_keys=[self.out_key] if out_keys is None else out_keys,
         )
-        if len(self.in_keys) != len(self.fields) or len(self.out_keys) != 1:
-            raise ValueError(
-                f"{type(self).__name__}: in_keys must name {len(self.fields)} keys for "
-                f"{self.fields}, in this order, and out_keys one; got in_keys={self.in_keys} and "
-                f"out_keys={self.out_keys}."
-            )
+        check_keys(self, self.fields, [self.out_key])
 
     @abstractmethod
-    def compute(self, *fields: Any) -> torch.Tensor:
+    def compute(self, *fields: Any) -> Tensor:
         """Returns the entry (*batch, ...) for the fields (*batch, ...) of some states."""
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -88,12 +79,7 @@ class RawObservationTransform(Transform):
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Adds the entry to the observation."""
-        present = observation_spec.keys(True, True)
-        zeros = {key: observation_spec[key].zero() for key in self.in_keys if key in present}
-        example = TensorDict(batch_size=observation_spec.shape, device=observation_spec.device)
-        for key, value in zeros.items():
-            example.set(key, value)
-        entry = self._call(example).get(self.out_keys[0])
+        entry = self._call(zeros_of(observation_spec, self.in_keys)).get(self.out_keys[0])
         kind = Binary if entry.dtype == torch.bool else Unbounded
         observation_spec[self.out_keys[0]] = kind(
             shape=entry.shape, dtype=entry.dtype, device=observation_spec.device
@@ -101,65 +87,79 @@ class RawObservationTransform(Transform):
         return observation_spec
 
 
+def check_keys(transform: Transform, fields: Sequence[str], entries: Sequence[str]) -> None:
+    """Raises a ValueError unless a transform has a key for each field and each entry it writes."""
+    for argument, keys, names in (
+        ("in_keys", transform.in_keys, fields),
+        ("out_keys", transform.out_keys, entries),
+    ):
+        if len(keys) != len(names):
+            raise ValueError(
+                f"{type(transform).__name__}: {argument} must name {len(names)} keys for "
+                f"{tuple(names)}, in this order; got {keys}."
+            )
+
+
+def zeros_of(observation_spec: Composite, keys: Sequence[NestedKey]) -> TensorDict:
+    """An observation of zeros, with those of the keys that the spec has."""
+    present = observation_spec.keys(True, True)
+    zeros = TensorDict(batch_size=observation_spec.shape, device=observation_spec.device)
+    for key in keys:
+        if key in present:
+            zeros.set(key, observation_spec[key].zero())
+    return zeros
+
+
 def read_fields(
     tensordict: TensorDictBase, keys: Sequence[NestedKey], fields: Sequence[str], reader: str
-) -> list[torch.Tensor]:
-    """Reads raw observation fields and checks their shapes and dtypes.
-
-    Args:
-        tensordict: a tensordict of any batch shape.
-        keys: where each field is found in ``tensordict``.
-        fields: the names of the fields (keys of :data:`FIELD_SHAPES`), in the same order.
-        reader: who reads; named in the error messages.
-
-    Returns:
-        The tensors, in the order of ``fields``, with the shapes of :data:`FIELD_SHAPES`.
+) -> list[Tensor]:
+    """Reads the raw fields of these names, which are found at these keys.
 
     Raises:
-        KeyError: a key is missing.
-        ValueError: a tensor has another shape than the field of one match.
-        TypeError: positions are not floating point, or indices are not integers.
+        KeyError: a key is missing; the message names the reader.
+        ValueError, TypeError: see :func:`checked_field`.
     """
     if not isinstance(tensordict, TensorDictBase):
         raise TypeError(f"{reader} was given a {type(tensordict).__name__}; expected a TensorDict.")
-    batch_dims = tensordict.batch_dims
+    batch = tensordict.batch_size
     tensors = []
     for key, field in zip(keys, fields, strict=True):
         tensor = tensordict.get(key, None)
         if tensor is None:
-            raise KeyError(_missing(tensordict, key, field, reader))
-        shape = tensor.shape[batch_dims:]
-        if shape == (1,) and FIELD_SHAPES[field] == ():
-            # TorchRL's GymWrapper gives the scalars of a single environment a dimension of one.
-            tensor = tensor.squeeze(-1)
-        elif shape != FIELD_SHAPES[field]:
-            raise ValueError(_wrong_shape(tensordict, tensor, key, field, reader))
-        allowed = _FLOATS if field in FLOAT_FIELDS else _INTEGERS
-        if tensor.dtype not in allowed:
-            names = " or ".join(str(dtype) for dtype in allowed)
-            raise TypeError(
-                f"{reader}: {key!r} has dtype {tensor.dtype}, but must be {names}. "
-                f"Convert it before this transform, or take it from fbrl.envs.FootballEnv."
+            present = sorted(str(k) for k in tensordict.keys(True, True))
+            raise KeyError(
+                f"{reader}: {key!r} is missing from the tensordict, which has {present}. Use an "
+                "environment that gives the raw match observation, such as fbrl.envs.FootballEnv, "
+                f"keep {key!r} in the tensordict, or name the key that holds {field!r} in in_keys."
             )
-        tensors.append(tensor)
+        tensors.append(checked_field(tensor, field, batch, key, reader))
     return tensors
 
 
-def _missing(tensordict: TensorDictBase, key: NestedKey, field: str, reader: str) -> str:
-    present = sorted(str(k) for k in tensordict.keys(True, True))
-    return (
-        f"{reader}: {key!r} is missing from the tensordict, which has {present}. "
-        f"Use an environment that gives the raw match observation, such as fbrl.envs.FootballEnv, "
-        f"keep {key!r} in the tensordict, or name the key that holds {field!r} in in_keys."
-    )
+def checked_field(
+    tensor: Tensor, field: str, batch: torch.Size, key: NestedKey, reader: str
+) -> Tensor:
+    """A raw field of a batch of matches, without a trailing dimension of size 1.
 
-
-def _wrong_shape(
-    tensordict: TensorDictBase, tensor: torch.Tensor, key: NestedKey, field: str, reader: str
-) -> str:
-    expected = (*tensordict.batch_size, *FIELD_SHAPES[field])
-    return (
-        f"{reader}: {key!r} has shape {tuple(tensor.shape)}, but a tensordict of batch size "
-        f"{tuple(tensordict.batch_size)} needs {expected}. Teams of fewer than 11 players are "
-        f"padded with -1 to 11."
-    )
+    Raises:
+        ValueError: it has another shape than the batch's and the field's.
+        TypeError: it is not floating point, or not an integer where the field is none.
+    """
+    expected = (*batch, *FIELD_SHAPES.get(field, ()))
+    if tensor.shape != expected:
+        # TorchRL's GymWrapper gives the scalars of a single environment a dimension of one.
+        if len(expected) != len(batch) or tensor.shape != (*batch, 1):
+            raise ValueError(
+                f"{reader}: {key!r} has shape {tuple(tensor.shape)}, but a batch of shape "
+                f"{tuple(batch)} needs {expected}. Teams of fewer than 11 players are padded with "
+                "-1 to 11."
+            )
+        tensor = tensor.squeeze(-1)
+    dtype, is_float = tensor.dtype, field in FLOAT_FIELDS
+    if dtype.is_floating_point != is_float or dtype.is_complex or dtype == torch.bool:
+        kind = "floating point, such as torch.float32" if is_float else "an integer, as torch.int64"
+        raise TypeError(
+            f"{reader}: {key!r} has dtype {dtype}, but must be {kind}. Convert it with "
+            f"{'.float()' if is_float else '.long()'}."
+        )
+    return tensor

@@ -18,19 +18,21 @@ if TYPE_CHECKING:
 class ScoringReward(Transform):
     """Keep the environment's reward as it is, and name it: ``reward_scoring`` equals ``reward``.
 
-    The plain member of a family: with it, code that reads the parts of a reward (sums per
-    episode, plots) finds ``reward_scoring`` whichever reward was chosen.
-
-    All entries lie under ``"next"`` and have the shape (..., 1). The parts are registered in the
-    reward spec, as :class:`~torchrl.envs.RewardSum` requires, which must come after this transform
-    and be given its ``in_keys``. With more than one reward entry, ``env.reward_key`` raises in
-    TorchRL: use ``env.reward_keys`` and ``env.full_reward_spec``.
+    The plain member of a family, in which ``reward_scoring`` is a part of every reward. All entries
+    lie under ``"next"`` and have the shape (..., 1). The parts are in the reward spec, as
+    :class:`~torchrl.envs.RewardSum` requires, which must come after this transform and be given its
+    ``in_keys``. With more than one reward entry, ``env.reward_key`` raises in TorchRL: use
+    ``env.reward_keys`` and ``env.full_reward_spec``.
 
     Called as a module, or as a replay buffer's transform, it relabels stored transitions.
 
     Args:
         keys: other names for the entries that the transform reads and writes, by their usual name:
             ``{"reward": ("agents", "reward")}``.
+
+    Raises:
+        ValueError: if one of them is not an entry of this transform.
+        TypeError: if a name is neither a text nor a tuple.
 
     Examples:
         >>> import torch
@@ -91,7 +93,7 @@ class ScoringReward(Transform):
         """The usual names of the parts that ``reward`` is the sum of."""
         return ("reward_scoring",)
 
-    def _get(self, tensordict: TensorDictBase, name: str, where: str) -> Tensor:
+    def _get(self, tensordict: TensorDictBase, name: str, where: str = "'next'") -> Tensor:
         value = tensordict.get(self._keys[name], None)
         if value is None:
             raise KeyError(
@@ -101,18 +103,11 @@ class ScoringReward(Transform):
         return value
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        scoring = self._get(next_tensordict, "reward", "the step's result")
+        scoring = self._get(next_tensordict, "reward")
         return next_tensordict.set(self._keys["reward_scoring"], scoring.clone())
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Relabel stored transitions; doing it twice changes nothing.
-
-        Args:
-            tensordict: transitions of any batch shape, with their ``"next"`` entry.
-
-        Returns:
-            The same tensordict, with ``reward`` and its parts under ``"next"`` set anew.
-        """
+        """Relabel stored transitions of any batch shape; doing it twice changes nothing."""
         following = self._following(tensordict)
         scoring = self._stored_scoring(following)
         following.set(self._keys["reward"], scoring)
@@ -157,7 +152,7 @@ class ScoringReward(Transform):
     def _stored_scoring(self, following: TensorDictBase) -> Tensor:
         # `reward` may already contain shaping; the scoring part, once written, never does.
         scoring = following.get(self._keys["reward_scoring"], None)
-        return self._get(following, "reward", "'next'") if scoring is None else scoring
+        return self._get(following, "reward") if scoring is None else scoring
 
     def transform_reward_spec(self, reward_spec: Composite) -> Composite:
         """Add the parts, and lift the bounds of ``reward``, which shaping may exceed."""

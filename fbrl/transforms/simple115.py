@@ -5,10 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import torch
+from torch import Tensor
 
 from fbrl.transforms.raw_observation import RawObservationTransform
-
-__all__ = ["Simple115"]
 
 
 class Simple115(RawObservationTransform):
@@ -32,9 +31,7 @@ class Simple115(RawObservationTransform):
     and a label that is none of those named leaves its columns zero.
 
     Args:
-        in_keys: where to find ``left_team``, ``left_team_direction``, ``right_team``,
-            ``right_team_direction``, ``ball``, ``ball_direction``, ``ball_owned_team``, ``active``
-            and ``game_mode``, in this order.
+        in_keys: where to find the raw observations, in the order of :attr:`fields`.
         out_keys: where to write the vector.
 
     Examples:
@@ -68,37 +65,19 @@ class Simple115(RawObservationTransform):
     )
     out_key = "simple115"
 
-    def compute(
-        self,
-        left_team: torch.Tensor,
-        left_team_direction: torch.Tensor,
-        right_team: torch.Tensor,
-        right_team_direction: torch.Tensor,
-        ball: torch.Tensor,
-        ball_direction: torch.Tensor,
-        ball_owned_team: torch.Tensor,
-        active: torch.Tensor,
-        game_mode: torch.Tensor,
-    ) -> torch.Tensor:
+    def compute(self, *fields: Tensor) -> Tensor:
         """Returns the vector (*batch, 115)."""
-        source, meaning = _one_hot_columns(ball.device)
+        *vectors, ball_owned_team, active, game_mode = fields
+        source, meaning = _one_hot_columns(active.device)
         labels = torch.stack([ball_owned_team, active, game_mode], -1)
         one_hots = labels.index_select(-1, source) == meaning
-        parts = [
-            left_team.flatten(-2),
-            left_team_direction.flatten(-2),
-            right_team.flatten(-2),
-            right_team_direction.flatten(-2),
-            ball,
-            ball_direction,
-            one_hots,
-        ]
-        return torch.cat([part.to(torch.float32) for part in parts], -1)
+        parts = [vector.flatten(active.ndim) for vector in vectors]
+        return torch.cat([part.to(torch.float32) for part in (*parts, one_hots)], -1)
 
 
 @lru_cache
-def _one_hot_columns(device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
-    """For each of the 21 one-hot columns: which label it reads, and the value it stands for."""
+def _one_hot_columns(device: torch.device) -> tuple[Tensor, Tensor]:
+    """Which label each of the 21 one-hot columns reads, and the value it stands for."""
     values = [range(-1, 2), range(11), range(7)]
     source = [label for label, allowed in enumerate(values) for _ in allowed]
     meaning = [value for allowed in values for value in allowed]
