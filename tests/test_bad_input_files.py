@@ -248,7 +248,7 @@ def test_a_member_that_is_no_array_is_refused(tmp_path, load, name):
         ("metrics.csv", "frames,a\n1,2\ninf,3\n", "line 3 has inf as frames"),
         ("metrics.csv", "frames,a\n0.5,2\n", "line 2 has 0.5 as frames"),
         ("metrics.csv", "frames,a\n-5,2\n", "line 2 has -5.0 as frames"),
-        ("metrics.csv", "frames,a\n1," + "9" * 200_000 + "\n", "metrics.csv is damaged"),
+        ("metrics.csv", "frames,a\n1," + "9" * 200_000 + "\n", "metrics.csv is not a CSV"),
         ("evaluations.csv", "frames,a\n1e999,2\n", "line 2 has inf as frames"),
     ],
 )

@@ -12,10 +12,15 @@ pytest.importorskip("matplotlib")
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
-from fbrl.analysis.learning_curves import learning_curve
-from fbrl.analysis.pooled_results import PooledResult, pool_results, published_beside
-from fbrl.analysis.results import Published, Result, ResultsError
-from fbrl.analysis.run_groups import RunGroup
+from fbrl.analysis.results import (
+    PooledResult,
+    Published,
+    Result,
+    ResultsError,
+    pool_results,
+    published_beside,
+)
+from fbrl.analysis.run_groups import RunGroup, learning_curve
 from fbrl.analysis.run_log import read_run_log
 from fbrl.checks.names import UnknownNameError
 from fbrl.figures.bars import bars_figure

@@ -1,12 +1,16 @@
-"""Runs grouped by what was trained, so that their seeds can be pooled."""
+"""Runs grouped by what was trained, and the learning curves of their seeds pooled."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from fbrl.analysis.run_log import RunLog
+from fbrl.analysis.seed_statistics import Array, mean_curve
 from fbrl.config import HOW_IT_IS_RUN, TrainConfig
 from fbrl.config_json import with_flat_options
 from fbrl.presets import nearest_preset, preset_config
@@ -46,11 +50,8 @@ def group_runs(
 ) -> list[RunGroup]:
     """Pools the runs whose configurations differ in the seed alone.
 
-    Where matches are played, how often is saved and how often evaluated may differ, too: see
-    :data:`NOT_TRAINED`.
-
-    A label has what differs between the configurations of a scenario. What the presets merely
-    bring along is not listed: the runs are then told apart by the preset's name.
+    So may what is in :data:`NOT_TRAINED`. A label has what differs between the configurations of a
+    scenario; for what the presets merely bring along it has the preset's name.
 
     Args:
         runs: In any order; the groups come in the order of their first runs.
@@ -67,9 +68,17 @@ def group_runs(
             settings["frames"] = frames[index]
         members.setdefault(tuple(settings.items()), []).append(run)
     for group in members.values():
-        _check_seeds(group)
+        seen: dict[int, RunLog] = {}
+        for run in group:
+            other = seen.setdefault(run.config.seed, run)
+            if other is not run:
+                raise RunGroupError(
+                    f"{other.run_dir} and {run.run_dir} have the same configuration and both seed "
+                    f"{run.config.seed}, which can't count twice. Leave one of them out."
+                )
     keys = list(map(dict, members))
-    shown = [name for name in _names(keys) if name in always or _tells_apart(name, keys)]
+    names = dict.fromkeys(["reward", "preset", *(name for key in keys for name in key)])
+    shown = [name for name in names if name in always or _tells_apart(name, keys)]
     return [
         RunGroup(_label(key, shown), tuple(group))
         for key, group in zip(keys, members.values(), strict=True)
@@ -79,6 +88,57 @@ def group_runs(
 def single_runs(runs: Iterable[RunLog]) -> list[RunGroup]:
     """Each run as a group of its own, named by its directory."""
     return [RunGroup(run.run_dir.resolve().name, (run,)) for run in runs]
+
+
+@dataclass(frozen=True)
+class LearningCurve:
+    """A metric over the frames of a training, the mean of the seeds.
+
+    Attributes:
+        label: What was trained.
+        seeds: How many there are.
+        frames: Shape (points,): those at which every seed has a value.
+        mean: Over the seeds, shape (points,).
+        low: Lower end of its 95 % interval, shape (points,); None for a single seed.
+        high: Upper end, likewise.
+    """
+
+    label: str
+    seeds: int
+    frames: Array
+    mean: Array
+    low: Array | None
+    high: Array | None
+
+
+def learning_curve(group: RunGroup, metric: str, smooth: int = 1) -> LearningCurve:
+    """Pools the seeds of a configuration.
+
+    Args:
+        group: The runs. Beyond the end of the shortest one nothing is pooled.
+        metric: Any column of their metrics or evaluations.
+        smooth: Each point becomes the mean of this many points of the same run up to it, fewer at
+            the start.
+
+    Raises:
+        UnknownNameError: A run has not logged the metric.
+        ValueError: There are no frames at which every run has a value.
+    """
+    curves = [run.curve(metric) for run in group.runs]
+    frames = functools.reduce(np.intersect1d, [frames for frames, _ in curves])
+    if not len(frames):
+        raise ValueError(
+            f"There are no frames at which {' and '.join(str(run.run_dir) for run in group.runs)} "
+            f"have a value of {metric}, so there is nothing to draw."
+        )
+    values = [running_mean(values, smooth)[np.searchsorted(at, frames)] for at, values in curves]
+    return LearningCurve(group.label, len(values), frames, *mean_curve(values))
+
+
+def running_mean(values: Array, count: int) -> Array:
+    """The mean of each value and those before it, ``count`` in all or as many as there are."""
+    ends = range(1, len(values) + 1)
+    return np.array([values[max(end - count, 0) : end].mean() for end in ends])
 
 
 def _settings(config: TrainConfig) -> dict[str, Any]:
@@ -94,34 +154,18 @@ def _settings(config: TrainConfig) -> dict[str, Any]:
     return {"preset": nearest_preset(config), **learned}
 
 
-def _check_seeds(group: Sequence[RunLog]) -> None:
-    seen: dict[int, RunLog] = {}
-    for run in group:
-        other = seen.setdefault(run.config.seed, run)
-        if other is not run:
-            raise RunGroupError(
-                f"{other.run_dir} and {run.run_dir} have the same configuration and both seed "
-                f"{run.config.seed}, which can't count twice. Leave one of them out."
-            )
-
-
-def _names(keys: Sequence[Settings]) -> list[str]:
-    every = dict.fromkeys(["reward", "preset", *(name for key in keys for name in key)])
-    return [name for name in every if name != "scenario"]
-
-
 def _tells_apart(name: str, keys: Sequence[Settings]) -> bool:
-    for scenario in dict.fromkeys(key["scenario"] for key in keys):
+    for scenario in {key["scenario"] for key in keys}:
         # Options of a component tell those apart that have it.
         same = [key for key in keys if key["scenario"] == scenario and name in key]
         differs = len({key[name] for key in same}) > 1
         by_nature = name in ("preset", "frames")
-        if differs and (by_nature or any(key[name] != _default(name, key) for key in same)):
+        if differs and (by_nature or any(key[name] != _preset_value(name, key) for key in same)):
             return True
     return False
 
 
-def _default(name: str, key: Settings) -> Any:
+def _preset_value(name: str, key: Settings) -> Any:
     return _settings(preset_config(key["preset"], key["scenario"])).get(name)
 
 

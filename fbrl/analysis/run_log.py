@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import functools
 import json
 from collections.abc import Iterable
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from fbrl.checks.names import UnknownNameError, check_name
 from fbrl.config import TrainConfig
 from fbrl.config_json import config_from_dict
+from fbrl.files.csv_table import as_number, read_csv_table
 from fbrl.run_files import CONFIG_NAME, EVALUATIONS_NAME, FRAMES, METRICS_NAME
 
 GOAL_DIFFERENCE = "match/goal_difference"
@@ -28,12 +28,7 @@ class RunLogError(ValueError):
 
 @dataclass(frozen=True)
 class RunLog:
-    """The log of a training.
-
-    Attributes:
-        run_dir: Where it was read from.
-        config: What was trained, and how.
-    """
+    """The log of a training: where it was read from, and what was trained, and how."""
 
     run_dir: Path
     config: TrainConfig
@@ -82,10 +77,7 @@ class RunLog:
         return self.metrics[FRAMES]
 
     def metric(self, name: str) -> NDArray[np.float64]:
-        """A column of the metrics, shape (iterations,).
-
-        Args:
-            name: Such as ``match/goal_difference``.
+        """A column of the metrics, such as ``match/goal_difference``, shape (iterations,).
 
         Raises:
             UnknownNameError: It was not logged; the message has the nearest name.
@@ -93,15 +85,10 @@ class RunLog:
         return self.metrics[self._check(name, self.metrics)]
 
     def curve(self, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Frames and values of anything that was logged, where it has a value.
+        """Frames and values of a column of the metrics or evaluations, where it has a value.
 
-        Args:
-            name: A column of the metrics, or of the evaluations, such as
-                ``evaluation/goal_difference``. Of two evaluations at the same number of frames the
-                later one counts.
-
-        Returns:
-            Two arrays of the same shape (points,); the frames rise strictly.
+        Both have the shape (points,), and the frames rise strictly: of two evaluations at the same
+        number of frames the later one counts.
 
         Raises:
             UnknownNameError: It was not logged; the message has the nearest name.
@@ -121,22 +108,15 @@ class RunLog:
 
 
 def read_run_log(run_dir: Path) -> RunLog:
-    """The log of a run; its tables are read when they are first asked for.
-
-    Args:
-        run_dir: The directory that ``fbrl-train`` made.
+    """The log in a directory of ``fbrl-train``; tables are read when they are first asked for.
 
     Raises:
         RunLogError: There is no run, or its configuration is damaged.
     """
     path = run_dir / CONFIG_NAME
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(values, dict):
-            raise RunLogError(f"{path} is no configuration of a training.")
-        config = config_from_dict(values)
+        config = config_from_dict(json.loads(path.read_text(encoding="utf-8")))
         config.check()
-        return RunLog(run_dir, config)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise RunLogError(
             f"There is no run at {run_dir}: it has no {CONFIG_NAME}. Give the directory that "
@@ -144,10 +124,9 @@ def read_run_log(run_dir: Path) -> RunLog:
         ) from error
     except OSError as error:
         raise RunLogError(f"{path} cannot be read ({error.strerror}).") from error
-    except RunLogError:
-        raise
     except (ValueError, RecursionError) as error:  # of the JSON, and of the configuration
         raise RunLogError(f"{path} is damaged, or of another version of fbrl: {error}") from error
+    return RunLog(run_dir, config)
 
 
 def frames_until(
@@ -159,14 +138,13 @@ def frames_until(
     which no value that was logged is below ``threshold - tolerance``, up to the end of the log.
     NaN, as before the first match, is below every threshold.
 
-    With tolerance 0 one low value near the end moves the result there, however long the threshold
-    had been held. The goal difference is a mean over 100 matches: where a match brings one
-    goal of ours or none, its standard error is up to 0.05, so that a level 0.1 above the threshold
-    still falls below it now and then. A tolerance of 0.1 forgives the noise and sees a collapse.
+    With tolerance 0 one low value near the end moves the result there. The goal difference is a
+    mean over 100 matches, with a standard error of up to 0.05 where a match brings one goal or
+    none: a tolerance of 0.1 forgives the noise and sees a collapse.
 
     Args:
         frames: Frames at each entry of the log, rising, shape (iterations,).
-        values: What was logged there, usually ``match/goal_difference``, shape (iterations,).
+        values: What was logged there, shape (iterations,).
         threshold: What is to be reached.
         tolerance: How far values may fall below it afterwards, at least 0.
 
@@ -183,17 +161,10 @@ def frames_until(
 def paper_goal_difference(log: RunLog, frames: int) -> float | None:
     """The goal difference as the environment's paper reports it (Kurach et al. 2020).
 
-    That is the mean over the last 100 training episodes before a number of steps; here of the
-    last matches that had ended at the last iteration at or before that number. The matches were
-    played with sampled actions by policies that were still changing. Where fewer than 100 had
-    ended (see ``match/count``) it is their mean.
-
-    Args:
-        log: The run's log.
-        frames: Number of steps, such as 1_000_000.
-
-    Returns:
-        The mean, or None if the log ends before that number or no match had ended.
+    That is the mean over the last 100 training matches that had ended at the last iteration at or
+    before this number of frames, or of fewer where fewer had ended (see ``match/count``). They were
+    played with sampled actions by policies that were still changing. None if the log ends before
+    that number or no match had ended.
 
     Raises:
         UnknownNameError: The log has no goal difference.
@@ -207,42 +178,38 @@ def paper_goal_difference(log: RunLog, frames: int) -> float | None:
 
 def _read_columns(path: Path) -> Columns:
     try:
-        text = path.read_text(encoding="utf-8")
+        table = read_csv_table(path)
+        is_whole = path.read_bytes().endswith(b"\n")
     except FileNotFoundError as error:
         raise RunLogError(f"{path} is missing, so the run has logged nothing.") from error
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise RunLogError(f"{path} cannot be read ({error}).") from error
-    if not text.strip():
+    except ValueError as error:
+        raise RunLogError(str(error)) from error
+    if not table.columns:
         raise RunLogError(f"{path} is empty: no iteration has been logged yet.")
-    lines = text.splitlines()
-    try:
-        header, *rows = csv.reader(lines)
-    except csv.Error as error:
-        raise RunLogError(f"{path} is damaged: {error}.") from error
-    if FRAMES not in header:
+    if FRAMES not in table.columns:
         raise RunLogError(f"{path} is damaged: its first line has no column {FRAMES}.")
-    numbers = np.full((len(rows), len(header)), np.nan)
-    for index, row in enumerate(rows):
-        line = index + 2
-        if len(row) != len(header) or (line == len(lines) and not text.endswith("\n")):
-            raise RunLogError(
-                f"{path} is damaged: line {line} is cut off or too long ({len(row)} values in "
-                f"{len(header)} columns). Without that line the rest can be used."
-            )
-        for column, value in enumerate(row):
+    if table.rows and not is_whole:
+        raise RunLogError(
+            f"{path} is damaged: line {table.lines[-1]} is cut off. Without that line the rest can "
+            "be used."
+        )
+    numbers: dict[str, list[float]] = {name: [] for name in table.columns}
+    for line, row in zip(table.lines, table.rows, strict=True):
+        for name, text in row.items():
             try:
-                numbers[index, column] = float(value or "nan")
+                numbers[name].append(as_number(text))
             except ValueError as error:
                 raise RunLogError(
-                    f"{path} is damaged: line {line} has {value!r} as {header[column]}, which is "
-                    "no number."
+                    f"{path} is damaged: line {line} has {text!r} as {name}, which is no number."
                 ) from error
-    columns = dict(zip(header, numbers.T, strict=True))
+    columns = {name: np.array(values, dtype=np.float64) for name, values in numbers.items()}
     frames = columns[FRAMES]
     odd = np.flatnonzero(~((frames >= 0) & (frames < 2**53) & (frames == np.floor(frames))))
     if len(odd):
         raise RunLogError(
-            f"{path} is damaged: line {odd[0] + 2} has {frames[odd[0]]} as {FRAMES}, which is no "
-            "number of frames."
+            f"{path} is damaged: line {table.lines[odd[0]]} has {frames[odd[0]]} as {FRAMES}, "
+            "which is no number of frames."
         )
     return columns

@@ -19,7 +19,7 @@ from fbrl.cli.subcommands import add_command
 from fbrl.policy_names import MODES
 
 if TYPE_CHECKING:
-    from fbrl.analysis.pooled_results import PooledResult
+    from fbrl.analysis.results import PooledResult
 
 _BARS = """\
 Draw bars for each scenario and reward, as in the thesis's Figures 6.1 to 6.3. The measures:
@@ -77,8 +77,13 @@ def add_bars(commands: Any) -> None:
 
 
 def _bars(options: argparse.Namespace) -> None:
-    from fbrl.analysis.pooled_results import pool_results, published_beside
-    from fbrl.analysis.results import convergence, final_goal_differences, read_published
+    from fbrl.analysis.results import (
+        convergence,
+        final_goal_differences,
+        pool_results,
+        published_beside,
+        read_published,
+    )
     from fbrl.analysis.results import read_evaluation_table as read_table
     from fbrl.analysis.run_groups import group_runs
     from fbrl.figures.bars import bars_figure

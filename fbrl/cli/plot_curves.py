@@ -62,8 +62,7 @@ def add_curves(commands: Any) -> None:
 
 
 def _curves(options: argparse.Namespace) -> None:
-    from fbrl.analysis.learning_curves import learning_curve
-    from fbrl.analysis.run_groups import group_runs, single_runs
+    from fbrl.analysis.run_groups import group_runs, learning_curve, single_runs
     from fbrl.figures.curves import learning_curves_figure
 
     check_tolerance(options)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fbrl.analysis.pooled_results import PooledResult
+from fbrl.analysis.results import PooledResult
 from fbrl.figures.style import COLOURS, add_legend, count_frames, new_figure, set_labels
 
 if TYPE_CHECKING:

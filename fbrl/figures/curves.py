@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from fbrl.analysis.learning_curves import LearningCurve
+from fbrl.analysis.run_groups import LearningCurve
 from fbrl.figures.style import (
     COLOURS,
     LINE_STYLES,

@@ -15,11 +15,7 @@ class AppendedFile:
 
     A piece that can't be written waits, and is written before the next one, so that the file has
     no gap once the disk has room again. It is opened anew each time: nothing is left to be flushed
-    at the end, and a file that was deleted is begun again.
-
-    Args:
-        path: The file; its directory exists.
-        header: What a new file begins with.
+    at the end, and a file that was deleted is begun again, with the header.
 
     Examples:
         >>> import tempfile

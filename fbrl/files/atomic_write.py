@@ -14,10 +14,7 @@ def atomic_write(path: Path, keep_as: Path | None = None) -> Iterator[BinaryIO]:
     """Opens a file to be written; it takes its name once it is whole and on the disk.
 
     At any moment, also after a crash of the machine, the old file or the new one is there whole.
-
-    Args:
-        path: File to write or replace; its directory exists.
-        keep_as: Where the old file goes; by default it is deleted.
+    The old one goes to ``keep_as``, if that is given.
 
     Raises:
         OSError: It can't be written; the old file is left alone.
@@ -31,7 +28,12 @@ def atomic_write(path: Path, keep_as: Path | None = None) -> Iterator[BinaryIO]:
         if keep_as is not None and path.exists():
             _keep(path, keep_as)
         temporary.replace(path)
-        _sync_directory(path.parent)
+        # Names are part of the directory, which reaches the disk on its own.
+        directory = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(directory)
+        finally:
+            os.close(directory)
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -48,12 +50,3 @@ def _keep(path: Path, keep_as: Path) -> None:
     finally:
         # Where both are names of one file already, replacing leaves the link.
         link.unlink(missing_ok=True)
-
-
-def _sync_directory(directory: Path) -> None:
-    # Names are part of the directory, which reaches the disk on its own.
-    descriptor = os.open(directory, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

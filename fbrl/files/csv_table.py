@@ -25,25 +25,21 @@ _SEPARATOR = re.compile(r'"?sep=([,;\t])"?\1*')
 
 @dataclass(frozen=True)
 class CsvTable:
-    """A table of texts.
-
-    Attributes:
-        columns: the names in the header.
-        rows: a dictionary of each row by the names; a missing value is an empty text.
-        lines: the line of the file on which each row ends, from 1 on.
-    """
+    """A table of texts."""
 
     columns: list[str]
     rows: list[dict[str, str]]
+    """By the columns' names; a missing value is an empty text."""
     lines: list[int]
+    """Of the file, on which each row ends, from 1 on."""
 
 
 def read_csv_table(path: str | os.PathLike[str]) -> CsvTable:
     """Reads a table whose first line has the names of its columns.
 
-    The values may be separated by commas, semicolons or tabs. A byte order mark may come first, a
-    line ``sep=;`` as for Excel, and a column of row numbers without a name, as R and pandas write
-    it. Lines without any value are left out, as spreadsheets have them at the end.
+    Values are separated by commas, semicolons or tabs. A byte order mark may come first, a line
+    ``sep=;`` as for Excel, and a column of row numbers without a name, as R and pandas write it.
+    Lines without any value are left out, as spreadsheets have them at the end.
 
     Raises:
         ValueError: it is no text, a name stands twice, or a line has more or fewer values than the
@@ -56,8 +52,7 @@ def read_csv_table(path: str | os.PathLike[str]) -> CsvTable:
             said = _SEPARATOR.fullmatch(first.rstrip("\r\n"))
             if not said:
                 file.seek(0)
-            separator = said[1] if said else max(",;\t", key=first.count)
-            reader = csv.reader(file, delimiter=separator)
+            reader = csv.reader(file, delimiter=said[1] if said else max(",;\t", key=first.count))
             header = [name.strip() for name in next(reader, [])]
             before = 1 if said else 0
             numbered = [(reader.line_num + before, values) for values in reader if any(values)]
@@ -74,7 +69,7 @@ def read_csv_table(path: str | os.PathLike[str]) -> CsvTable:
         if len(values) != len(header):
             raise ValueError(
                 f"{path} is damaged: line {line} has {len(values)} values, the header "
-                f"{len(header)} names."
+                f"{len(header)} names. Without that line the rest can be used."
             )
     rows = [
         {name: _text(value) for name, value in zip(header, values, strict=True) if name}
