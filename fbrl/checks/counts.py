@@ -7,12 +7,7 @@ from typing import Any
 
 
 def check_count(name: str, count: Any, at_least: int = 1) -> int:
-    """Returns the count as an ``int``.
-
-    Args:
-        name: What is counted, for the message: "num_envs", say.
-        count: The number that was given.
-        at_least: The smallest one that is allowed.
+    """Returns the count as an ``int``; messages call it ``name``.
 
     Raises:
         TypeError: It is no integer; ``True`` is none either.

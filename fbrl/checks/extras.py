@@ -7,13 +7,7 @@ from collections.abc import Sequence
 
 
 class MissingExtraError(ImportError):
-    """Raised where something is asked for whose packages are not installed.
-
-    Args:
-        what: What needs them, in the plural, such as "Videos".
-        packages: Those that are missing.
-        extra: The extra of fbrl that has them.
-    """
+    """Raised where what is asked for needs packages of an extra that are not installed."""
 
     def __init__(self, what: str, packages: Sequence[str], extra: str) -> None:
         super().__init__(

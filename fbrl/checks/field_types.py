@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import sys
 import types
 import typing
@@ -23,13 +24,19 @@ def check_field_types(instance: Any) -> None:
     Raises:
         FieldTypeError: A value is of another type; the message names the field and the value.
     """
-    allowed = typing.get_type_hints(type(instance))
+    kind: Any = type(instance)
+    allowed = _field_types(kind)
     for field in dataclasses.fields(instance):
         value = getattr(instance, field.name)
         if not _is_of(value, allowed[field.name]):
             raise FieldTypeError(
                 f"{field.name} is {value!r:.200}; it must be {_in_words(allowed[field.name])}."
             )
+
+
+@functools.cache
+def _field_types(kind: Any) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
 
 
 def is_plain(hint: Any) -> bool:

@@ -9,15 +9,10 @@ _GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
 def check_memory(what: str, needed: int, remedy: str) -> None:
-    """Checks that something fits into the memory that this process may use.
-
-    Args:
-        what: Needs it, for the message: "num_envs is 100000: so many matches", say.
-        needed: Bytes, by a low estimate.
-        remedy: What to do where it doesn't fit.
+    """Checks that the bytes needed, by a low estimate, fit into the memory that there is.
 
     Raises:
-        ValueError: It doesn't.
+        ValueError: They don't; the message begins with what needs them, and ends with the remedy.
     """
     present = memory_limit()
     if needed > present:

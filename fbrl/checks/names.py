@@ -11,12 +11,7 @@ class UnknownNameError(ValueError):
 
 
 def check_name(kind: str, name: str, allowed: Iterable[str]) -> str:
-    """Returns the name if it is allowed.
-
-    Args:
-        kind: What is chosen, for the message: "reward", say.
-        name: The name that was given.
-        allowed: The names that there are.
+    """Returns the name if it is allowed; messages say what ``kind`` of name it is.
 
     Raises:
         UnknownNameError: The name is not among them.
