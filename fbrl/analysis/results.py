@@ -67,9 +67,7 @@ class PooledResult:
     """What the seeds of an agent have reached together in a scenario, or a published number.
 
     Attributes:
-        scenario: Where it played.
-        agent: What was trained, the name of a policy, or where a published number is from.
-        reward: What it was trained with; empty for a policy that was not trained.
+        agent: As in :class:`Result`, or where a published number is from.
         value: The mean of the seeds, for convergence their median; infinite if too many never got
             there.
         low: Lower end of the value's 95 % interval, if there is one.

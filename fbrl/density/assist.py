@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from fbrl.checks.field_types import FieldTypeError, check_field_types
 from fbrl.density.position import PositionDensity
 from fbrl.files.array_file import ArrayFileError, read_arrays
 from fbrl.files.atomic_write import atomic_write
@@ -23,7 +24,6 @@ FORMAT = "fbrl-assist-density"
 FORMAT_VERSION = 1
 _LARGEST_CONTENT = 64 * 2**20
 DEFAULT_FILE = "open_play_assists_2015_16.npz"
-
 _REFIT = "Fit a new one with `fbrl-density fit`."
 
 
@@ -36,8 +36,8 @@ class DensityMetadata:
         filter: which passes were taken.
         n: how many passes.
         bandwidth_rule: the rule or number that the kernel came from.
-        bandwidth_start: the start kernel's isotropic bandwidth in pitch units; for a kernel with a
-            full covariance, the isotropic bandwidth of the same area.
+        bandwidth_start: the start kernel's isotropic bandwidth in pitch units; for one with a full
+            covariance, the isotropic bandwidth of the same area.
         bandwidth_end: the same for the end kernel.
         max_interpolation_error: the largest difference between the grids and the exact kernel sum,
             as a fraction of the peak.
@@ -64,30 +64,15 @@ class DensityMetadata:
 
     def __post_init__(self) -> None:
         """Checks the kinds, as another one could be saved but not be read again."""
-        for field, kinds in _FIELD_TYPES.items():
-            value = getattr(self, field)
-            if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
-                raise TypeError(f"{field} is {value!r}, which is of the wrong kind")
-        if not all(
-            isinstance(n, int) and isinstance(group, str) for group, n in self.counts.items()
-        ):
-            raise TypeError(f"counts is {self.counts!r}; it must give an integer for each text")
+        check_field_types(self)
+        for group, n in self.counts.items():
+            if not (isinstance(group, str) and isinstance(n, int)):
+                raise FieldTypeError(f"counts is {self.counts!r}; it must give integers for texts.")
 
 
-_FIELD_TYPES: dict[str, tuple[type, ...]] = {
-    "source": (str,),
-    "filter": (str,),
-    "n": (int,),
-    "bandwidth_rule": (str,),
-    "bandwidth_start": (float, int),
-    "bandwidth_end": (float, int),
-    "max_interpolation_error": (float, int),
-    "credit": (str,),
-    "counts": (Mapping,),
-    "metres": (bool,),
-    "mirror": (bool,),
-}
-_OPTIONAL = {"counts", "metres", "mirror"}
+_FIELDS = [field.name for field in dataclasses.fields(DensityMetadata)]
+_LATER_FIELDS = ("counts", "metres", "mirror")
+"""Those that files of fbrl 0.1 lack."""
 
 
 class AssistDensity(nn.Module):
@@ -121,14 +106,15 @@ class AssistDensity(nn.Module):
         metadata: DensityMetadata | None = None,
     ) -> None:
         super().__init__()
-        for name, value, kind in (
-            ("start", start, PositionDensity),
-            ("end", end, PositionDensity),
-            ("metadata", metadata, DensityMetadata | None),
-        ):
-            if not isinstance(value, kind):
-                expected = "DensityMetadata or None" if name == "metadata" else "a PositionDensity"
-                raise TypeError(f"{name} is a {type(value).__name__}; expected {expected}.")
+        for name, surface in (("start", start), ("end", end)):
+            if not isinstance(surface, PositionDensity):
+                raise TypeError(
+                    f"{name} is a {type(surface).__name__}; expected a PositionDensity."
+                )
+        if not isinstance(metadata, DensityMetadata | None):
+            raise TypeError(
+                f"metadata is a {type(metadata).__name__}; expected DensityMetadata or None."
+            )
         self.start = start
         self.end = end
         self.metadata = metadata
@@ -148,11 +134,10 @@ class AssistDensity(nn.Module):
         """Load densities from a file written by :meth:`save`. Runs no code from the file.
 
         Raises:
-            FileNotFoundError: if there is no such file.
-            OSError: if it cannot be read.
+            OSError: if there is no such file, or it cannot be read.
             TypeError: if the path is none.
             ValueError: if the file is truncated, of another format, of a newer version, or holds
-                grids that are not densities. The message names the file, the value and the remedy.
+                grids that are not densities.
         """
         if not isinstance(path, (str, os.PathLike)):
             raise TypeError(f"path is {path!r}; expected the path of a density file.")
@@ -163,9 +148,7 @@ class AssistDensity(nn.Module):
             return _read(file, str(path))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the densities and their metadata to one file (a ``.npz`` without pickle).
-
-        The file is written in one piece or not at all.
+        """Write all to one file (a ``.npz`` without pickle), in one piece or not at all.
 
         Raises:
             ValueError: if there is no metadata.
@@ -195,54 +178,48 @@ class AssistDensity(nn.Module):
 
 def _read(file: IO[bytes], name: str) -> AssistDensity:
     try:
-        entries = read_arrays(file, _LARGEST_CONTENT)
+        return _density_of(read_arrays(file, _LARGEST_CONTENT))
     except ArrayFileError as error:
         raise ValueError(
             f"{name} is not a readable density file ({error}): truncated, or another format. "
             f"{_REFIT}"
         ) from error
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{name}: {error} {_REFIT}") from error
+
+
+def _density_of(entries: Mapping[str, NDArray[Any]]) -> AssistDensity:
     missing = {"metadata", "start", "end"} - entries.keys()
     if missing:
-        raise ValueError(f"{name} lacks the entries {sorted(missing)}. {_REFIT}")
-    header = _read_header(entries["metadata"], name)
-    start = _read_density(entries["start"], header["peak_start"], f"{name}: start")
-    end = _read_density(entries["end"], header["peak_end"], f"{name}: end")
-    # Files of fbrl 0.1 lack the fields that have a default.
-    fields = {
-        field.name: header[field.name]
-        for field in dataclasses.fields(DensityMetadata)
-        if field.name in header
-    }
+        raise ValueError(f"the file lacks the entries {sorted(missing)}.")
     try:
-        metadata = DensityMetadata(**fields)
-    except TypeError as error:
-        raise ValueError(f"{name}: in its metadata {error}. {_REFIT}") from error
-    return AssistDensity(start, end, metadata)
-
-
-def _read_header(entry: NDArray[Any], name: str) -> dict[str, Any]:
-    try:
-        header = json.loads(str(entry))
+        header = json.loads(str(entries["metadata"]))
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{name}: its metadata is not JSON ({error}). {_REFIT}") from error
+        raise ValueError(f"its metadata is not JSON ({error}).") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise ValueError(f"{name}: its metadata does not say format {FORMAT!r}. {_REFIT}")
+        raise ValueError(f"its metadata does not say format {FORMAT!r}.")
     version = header.get("version")
     if not isinstance(version, int) or version > FORMAT_VERSION:
         raise ValueError(
-            f"{name} has format version {version!r}; this fbrl reads up to {FORMAT_VERSION}. "
-            "Upgrade fbrl (`pip install -U fbrl`)."
+            f"it has format version {version!r}; this fbrl reads up to {FORMAT_VERSION}. Upgrade "
+            "fbrl (`pip install -U fbrl`)."
         )
-    missing = (_FIELD_TYPES.keys() - _OPTIONAL | {"peak_start", "peak_end"}) - header.keys()
+    missing = {*_FIELDS, "peak_start", "peak_end"} - {*_LATER_FIELDS, *header}
     if missing:
-        raise ValueError(f"{name}: its metadata lacks {sorted(missing)}. {_REFIT}")
-    return header
+        raise ValueError(f"its metadata lacks {sorted(missing)}.")
 
+    def surface(side: str) -> PositionDensity:
+        grid = entries[side]
+        if grid.dtype.kind != "f":
+            raise ValueError(f"{side}: its grid has dtype {grid.dtype}, not floating point.")
+        values = torch.from_numpy(np.ascontiguousarray(grid, np.float32))
+        try:
+            return PositionDensity(values, header[f"peak_{side}"])
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{side}: {error}") from error
 
-def _read_density(grid: NDArray[Any], peak: Any, name: str) -> PositionDensity:
-    if grid.dtype.kind != "f":
-        raise ValueError(f"{name}: its grid has dtype {grid.dtype}, not floating point. {_REFIT}")
     try:
-        return PositionDensity(torch.from_numpy(np.ascontiguousarray(grid, np.float32)), peak)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{name}: {error} {_REFIT}") from error
+        metadata = DensityMetadata(**{name: header[name] for name in _FIELDS if name in header})
+    except TypeError as error:
+        raise ValueError(f"in its metadata {error}") from error
+    return AssistDensity(surface("start"), surface("end"), metadata)

@@ -19,22 +19,19 @@ SHUFFLE_SEED = 0
 def uniform(density: AssistDensity, positions: Tensor | None = None) -> AssistDensity:
     """The same everywhere: possession is paid, and where it is tells nothing.
 
-    Either surface is a constant, by default the fitted surface's mean over the pitch. So a ball
-    that is equally often everywhere earns the same from both. An agent's ball is not: wherever it
-    is mostly in front of the goal, it earns less here than from the fitted densities. To pay an
-    agent as much as those do, give the positions of its ball.
+    Either surface is a constant, by default the fitted surface's mean over the pitch. An agent
+    whose ball is mostly in front of the goal earns less from it than from the fitted densities; to
+    pay it as much, give the positions of its ball.
 
     Args:
         density: the densities to compare with.
         positions: (n, 2) positions in pitch units, such as those of
-            :func:`fbrl.evaluation.possession.ball_positions`, to take the mean over instead of over
-            the pitch.
+            :func:`fbrl.evaluation.possession.ball_positions`, to take the mean over instead.
 
     Raises:
         ValueError: if none of the positions is where the densities are above 0.
         TypeError: if these are no densities.
     """
-    _check(density)
 
     def constant(surface: PositionDensity) -> PositionDensity:
         mean = mean_over_pitch(surface) if positions is None else float(surface(positions).mean())
@@ -59,11 +56,7 @@ def shuffled(density: AssistDensity, seed: int = SHUFFLE_SEED) -> AssistDensity:
     """The densities' grid nodes in a random order: the same values, at places that mean nothing.
 
     The mean over the pitch stays within a few percent: interpolation gives the nodes on the lines
-    less area than the others.
-
-    Args:
-        density: the densities to compare with.
-        seed: decides the order; always the same one by default.
+    less area than the others. The seed decides the order.
     """
     generator = torch.Generator().manual_seed(seed)
 
@@ -92,8 +85,7 @@ def open_density(name_or_path: str | os.PathLike[str]) -> AssistDensity:
             a density file. A file of such a name is ``./uniform``.
 
     Raises:
-        FileNotFoundError: if there is neither such a name nor such a file.
-        OSError: if the file cannot be read.
+        OSError: if there is neither such a name nor such a file, or it cannot be read.
         TypeError: if it is neither a name nor a path.
         ValueError: if the file is no density file.
 
@@ -120,26 +112,16 @@ def open_density(name_or_path: str | os.PathLike[str]) -> AssistDensity:
 
 def mean_over_pitch(surface: PositionDensity) -> float:
     """The density's mean over the pitch's area, exactly that of the interpolated surface."""
-    weights = [_trapezoid_weights(size) for size in surface.grid.shape]
-    grid = surface.grid.cpu().double()
-    return surface.peak * float(weights[0] @ grid @ weights[1])
-
-
-def _trapezoid_weights(size: int) -> Tensor:
-    weights = torch.ones(size, dtype=torch.float64)
-    weights[0] = weights[-1] = 0.5
-    return weights / (size - 1)
-
-
-def _check(density: AssistDensity) -> None:
-    if not isinstance(density, AssistDensity):
-        raise TypeError(f"density is a {type(density).__name__}; expected an AssistDensity.")
+    columns, rows = surface.grid.shape
+    total = torch.trapezoid(torch.trapezoid(surface.grid.cpu().double(), dim=1), dim=0)
+    return surface.peak * float(total) / ((columns - 1) * (rows - 1))
 
 
 def _control(
     density: AssistDensity, name: str, change: Callable[[PositionDensity], PositionDensity]
 ) -> AssistDensity:
-    _check(density)
+    if not isinstance(density, AssistDensity):
+        raise TypeError(f"density is a {type(density).__name__}; expected an AssistDensity.")
     metadata = density.metadata
     if metadata is not None:
         metadata = dataclasses.replace(metadata, source=f"{name} control of: {metadata.source}")

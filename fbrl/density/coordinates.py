@@ -30,10 +30,7 @@ def pitch_from_statsbomb(points: ArrayLike) -> NDArray[np.float64]:
     The attacking direction is +x and y grows downwards from the top in both.
 
     Args:
-        points: array of shape (..., 2) with StatsBomb x and y.
-
-    Returns:
-        An array of the same shape, x in [-1, 1] and y in [-0.42, 0.42] for points on the pitch.
+        points: (..., 2) x and y on StatsBomb's pitch.
 
     Raises:
         ValueError: if they are no numbers, or of another shape.

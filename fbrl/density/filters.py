@@ -13,13 +13,7 @@ from fbrl.density.passes import Pass, Passes
 
 @dataclass(frozen=True)
 class NamedFilter:
-    """A filter that has a name.
-
-    Attributes:
-        description: which passes it keeps.
-        keeps: whether it keeps a pass.
-        needs: the column it asks about; ``None`` for none.
-    """
+    """A filter that has a name: which passes it keeps, and the column that it asks about."""
 
     description: str
     keeps: Callable[[Pass], bool]
@@ -89,9 +83,8 @@ class PassFilter:
             check_name("filter", self.name, FILTERS)
         check_name("population", self.population, POPULATIONS)
         for bound, value in (("min_x", self.min_x), ("min_end_x", self.min_end_x)):
-            if value is not None and not (
-                isinstance(value, (int, float)) and 0 <= value <= STATSBOMB_LENGTH
-            ):
+            is_number = isinstance(value, (int, float))
+            if value is not None and not (is_number and 0 <= value <= STATSBOMB_LENGTH):
                 raise ValueError(f"{bound} is {value!r}; it must be in [0, {STATSBOMB_LENGTH:g}].")
 
     def __call__(self, passes: Passes) -> list[Pass]:
@@ -101,12 +94,17 @@ class PassFilter:
             ValueError: if the source doesn't tell what is asked about.
         """
         named = FILTERS[self.resolved_name(passes)]
-        if named.needs is not None:
-            self._require(passes, named.needs, f"the filter {self.name}")
+        asked = {named.needs: f"the filter {self.name}"} if named.needs else {}
         if self.exclude_crosses:
-            self._require(passes, "cross", "exclude_crosses")
+            asked["cross"] = "exclude_crosses"
         if self.population == "key-passes":
-            self._require(passes, "goal_assist", "the population key-passes")
+            asked["goal_assist"] = "the population key-passes"
+        for column, asking in asked.items():
+            if column not in passes.known:
+                raise ValueError(
+                    f"{passes.origin} does not tell {column}, which {asking} asks about. Add that "
+                    "column, ask for something else, or read StatsBomb's events."
+                )
         return [row for row in passes.rows if named.keeps(row) and self._meets_conditions(row)]
 
     def resolved_name(self, passes: Passes) -> str:
@@ -117,8 +115,8 @@ class PassFilter:
 
     def describe(self, passes: Passes) -> str:
         """What is kept, in words, for the metadata of a density."""
-        parts = [self.population.replace("-", " ")]
-        parts.append(FILTERS[self.resolved_name(passes)].description)
+        named = FILTERS[self.resolved_name(passes)]
+        parts = [self.population.replace("-", " "), named.description]
         if self.exclude_crosses:
             parts.append("no crosses")
         if self.min_x is not None:
@@ -134,13 +132,6 @@ class PassFilter:
             and (self.min_x is None or row.x >= self.min_x)
             and (self.min_end_x is None or row.end_x >= self.min_end_x)
         )
-
-    def _require(self, passes: Passes, column: str, asking: str) -> None:
-        if column not in passes.known:
-            raise ValueError(
-                f"{passes.origin} does not tell {column}, which {asking} asks about. Add that "
-                "column, ask for something else, or read StatsBomb's events."
-            )
 
 
 def count_groups(rows: Iterable[Pass]) -> dict[str, int]:

@@ -7,17 +7,19 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fbrl.density.assist import AssistDensity, DensityMetadata
 from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH
 from fbrl.density.kde import (
+    Array,
     BandwidthRule,
     check_points,
     equivalent_bandwidth,
@@ -38,14 +40,7 @@ FINEST_GRID = 1001
 
 
 class PositionFit(NamedTuple):
-    """One fitted density.
-
-    Attributes:
-        density: the gridded density.
-        bandwidth: the kernel's (equivalent) isotropic bandwidth in pitch units.
-        max_interpolation_error: the grid's largest difference from the exact kernel sum, as a
-            fraction of the peak.
-    """
+    """One fitted density, with the bandwidth and error that :class:`DensityMetadata` gives."""
 
     density: PositionDensity
     bandwidth: float
@@ -68,10 +63,9 @@ def fit_position_density(
         points: (n, 2) positions in pitch units.
         peak: the density's largest value.
         bandwidth: see :func:`fbrl.density.kde.kernel_covariance`.
-        metres: see :func:`fbrl.density.kde.kernel_covariance`.
-        mirror: average the surface with its left-right mirror image, which adds the mirror image
-            of every kernel. The bandwidth stays that of the points: mirror images tell nothing
-            new.
+        metres: likewise.
+        mirror: average the surface with its left-right mirror image. The bandwidth stays that of
+            the points: mirror images tell nothing new.
         columns: grid nodes along x, from 3 to 1001; the nodes along y follow from the same
             spacing. ``None`` takes the coarsest of a few grids whose interpolation error is at
             most 0.5 % of the peak.
@@ -109,11 +103,7 @@ def fit_position_density(
 
 
 def _gridded(
-    points: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    columns: int,
-    peak: float,
-    mirror: bool,
+    points: Array, covariance: Array, columns: int, peak: float, mirror: bool
 ) -> tuple[PositionDensity, float]:
     rows = round((columns - 1) * HALF_WIDTH / HALF_LENGTH) + 1
     # Every second node of the finer lattice is a node; the others are the middles of cells and
@@ -151,11 +141,11 @@ def fit_assist_density(
         source: where they come from, such as competitions and seasons, for the metadata.
         filter: which passes these are, for the metadata.
         credit: the credit that the data's owner asks for ("Data: StatsBomb"), for the metadata.
-        bandwidth: see :func:`fbrl.density.kde.kernel_covariance`.
+        bandwidth: see :func:`fit_position_density`.
         peak_start: the start density's largest value.
         peak_end: the end density's largest value.
         columns: see :func:`fit_position_density`.
-        metres: see :func:`fbrl.density.kde.kernel_covariance`.
+        metres: see :func:`fit_position_density`.
         mirror: see :func:`fit_position_density`.
         counts: how many passes there are of each competition and season, for the metadata.
 
@@ -173,18 +163,11 @@ def fit_assist_density(
     starts, ends = check_points(starts, "starts"), check_points(ends, "ends")
     if len(starts) != len(ends):
         raise ValueError(f"{len(starts)} starts but {len(ends)} ends; each assist needs both.")
-    start, end = (
-        fit_position_density(
-            points,
-            peak=peak,
-            bandwidth=bandwidth,
-            metres=metres,
-            mirror=mirror,
-            columns=columns,
-            name=name,
-        )
-        for name, points, peak in (("starts", starts, peak_start), ("ends", ends, peak_end))
+    fit = functools.partial(
+        fit_position_density, bandwidth=bandwidth, metres=metres, mirror=mirror, columns=columns
     )
+    start = fit(starts, peak=peak_start, name="starts")
+    end = fit(ends, peak=peak_end, name="ends")
     metadata = DensityMetadata(
         source=source,
         filter=filter,

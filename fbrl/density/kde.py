@@ -9,31 +9,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, METRES_PER_UNIT
 
+Array = NDArray[np.float64]
 BandwidthRule = Literal["thesis", "scipy-silverman", "scipy-scott"]
 """Named rules; a number is accepted wherever a rule is."""
 
 MIN_POINTS = 10
 """Fewer points than this say nothing about where goals are made."""
 
-WIDEST_BANDWIDTH = 1000.0
-"""Far wider than the pitch, in units or in metres."""
-
-NARROWEST_BANDWIDTH = 1e-6
-"""Far finer than any position."""
+NARROWEST_BANDWIDTH, WIDEST_BANDWIDTH = 1e-6, 1000.0
+"""Far finer than any position, and far wider than the pitch, in units or in metres."""
 
 _QUERY_BLOCK = 4096
 
 
-def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
+def check_points(points: ArrayLike, name: str = "points") -> Array:
     """Return the points as a float64 (n, 2) array, or say what is wrong with them.
 
-    Args:
-        points: positions on the environment's pitch.
-        name: what error messages call them.
-
     Raises:
-        ValueError: on what is no array of numbers, a wrong shape, fewer than 10 points, NaN or
-            infinite values, points outside the pitch, or an axis without any spread.
+        ValueError: on what is no array of numbers, a wrong shape, fewer than 10 points, points
+            that are not on the pitch, or an axis without any spread.
     """
     try:
         xy = np.asarray(points, dtype=np.float64)
@@ -46,21 +40,14 @@ def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]
             f"{name} holds {len(xy)} points; a density needs at least {MIN_POINTS}. "
             "Use a wider filter or more matches."
         )
-    finite = np.isfinite(xy).all(axis=1)
-    if not finite.all():
-        row = int(np.flatnonzero(~finite)[0])
+    # A hair of tolerance: scaling a point on the touch line may round past it. NaN is beyond it.
+    beyond = ~(np.abs(xy) <= np.array([HALF_LENGTH, HALF_WIDTH]) + 1e-9).all(axis=1)
+    if beyond.any():
+        row = int(beyond.argmax())
         raise ValueError(
-            f"{name}[{row}] is {xy[row].tolist()}: not a finite position "
-            f"({int((~finite).sum())} such rows). Drop these rows first."
-        )
-    # A hair of tolerance: scaling a point on the touch line may round past it.
-    inside = (np.abs(xy) <= np.array([HALF_LENGTH, HALF_WIDTH]) + 1e-9).all(axis=1)
-    if not inside.all():
-        row = int(np.flatnonzero(~inside)[0])
-        raise ValueError(
-            f"{name}[{row}] is {xy[row].tolist()}: outside the pitch [-1, 1] x [-0.42, 0.42] "
-            f"({int((~inside).sum())} such rows). Scale StatsBomb's 120 x 80 positions with "
-            "fbrl.density.pitch_from_statsbomb first, or drop these rows."
+            f"{name}[{row}] is {xy[row].tolist()}: not a finite position, or outside the pitch "
+            f"[-1, 1] x [-0.42, 0.42] ({int(beyond.sum())} such rows). Scale StatsBomb's 120 x 80 "
+            "positions with fbrl.density.pitch_from_statsbomb first, or drop these rows."
         )
     spread = xy.std(axis=0, ddof=1)
     if (spread < 1e-9).any():
@@ -73,11 +60,8 @@ def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]
 
 
 def kernel_covariance(
-    points: NDArray[np.float64],
-    bandwidth: BandwidthRule | float = "thesis",
-    *,
-    metres: bool = False,
-) -> NDArray[np.float64]:
+    points: Array, bandwidth: BandwidthRule | float = "thesis", *, metres: bool = False
+) -> Array:
     r"""Covariance of the Gaussian kernel that a bandwidth rule gives, in pitch units.
 
     - ``"thesis"``: one isotropic :math:`h = (4\sigma^5 / 3n)^{1/5}` (thesis eq. 4.2), where
@@ -93,45 +77,37 @@ def kernel_covariance(
             hold in pitch units, of which one is 54.4 m along x and 83.6 m along y. It makes no
             difference to scipy's rules, whose kernel follows the points.
 
-    Returns:
-        A (2, 2) covariance matrix.
-
     Raises:
         ValueError: for an unknown rule, or a number out of that range.
     """
     scale = np.array(METRES_PER_UNIT if metres else (1.0, 1.0))
-    return _covariance(points * scale, bandwidth) / np.outer(scale, scale)
-
-
-def _covariance(
-    points: NDArray[np.float64], bandwidth: BandwidthRule | float
-) -> NDArray[np.float64]:
-    n, dimensions = points.shape
-    if bandwidth == "thesis":
-        sigma = float(np.sqrt(points.var(axis=0, ddof=1).mean()))
-        return (4.0 * sigma**5 / (3.0 * n)) ** 0.4 * np.eye(2)
-    if bandwidth in ("scipy-silverman", "scipy-scott"):
-        scale = (dimensions + 2) / 4.0 if bandwidth == "scipy-silverman" else 1.0
-        factor = (n * scale) ** (-1.0 / (dimensions + 4))
-        return factor**2 * np.cov(points, rowvar=False, ddof=1)
+    scaled = points * scale
+    n = len(points)
     is_number = isinstance(bandwidth, (int, float)) and not isinstance(bandwidth, bool)
-    if is_number and NARROWEST_BANDWIDTH <= float(bandwidth) <= WIDEST_BANDWIDTH:
-        return float(bandwidth) ** 2 * np.eye(2)
-    allowed = ", ".join(repr(rule) for rule in get_args(BandwidthRule))
-    raise ValueError(
-        f"bandwidth is {bandwidth!r}; expected one of {allowed}, or a number from "
-        f"{NARROWEST_BANDWIDTH:g} to {WIDEST_BANDWIDTH:g}."
-    )
+    if bandwidth == "thesis":
+        sigma = float(np.sqrt(scaled.var(axis=0, ddof=1).mean()))
+        covariance = (4.0 * sigma**5 / (3.0 * n)) ** 0.4 * np.eye(2)
+    elif bandwidth in ("scipy-silverman", "scipy-scott"):
+        # Silverman's factor is (n (d + 2) / 4)^(-1 / (d + 4)), which in two dimensions is Scott's.
+        factor = n ** (-1.0 / 6.0)
+        covariance = factor**2 * np.cov(scaled, rowvar=False, ddof=1)
+    elif is_number and NARROWEST_BANDWIDTH <= float(bandwidth) <= WIDEST_BANDWIDTH:
+        covariance = float(bandwidth) ** 2 * np.eye(2)
+    else:
+        allowed = ", ".join(repr(rule) for rule in get_args(BandwidthRule))
+        raise ValueError(
+            f"bandwidth is {bandwidth!r}; expected one of {allowed}, or a number from "
+            f"{NARROWEST_BANDWIDTH:g} to {WIDEST_BANDWIDTH:g}."
+        )
+    return covariance / np.outer(scale, scale)
 
 
-def equivalent_bandwidth(covariance: NDArray[np.float64]) -> float:
+def equivalent_bandwidth(covariance: Array) -> float:
     """The isotropic bandwidth whose kernel covers the same area as this covariance."""
     return float(np.linalg.det(covariance) ** 0.25)
 
 
-def kernel_sum(
-    points: NDArray[np.float64], queries: ArrayLike, covariance: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def kernel_sum(points: Array, queries: ArrayLike, covariance: Array) -> Array:
     r"""Exact Gaussian kernel density (thesis eq. 4.1).
 
     .. math::
@@ -142,11 +118,8 @@ def kernel_sum(
 
     Args:
         points: (n, 2) sample positions.
-        queries: (..., 2) positions to evaluate.
+        queries: (..., 2) positions to evaluate; the densities have the shape (...).
         covariance: (2, 2) kernel covariance, as :func:`kernel_covariance` gives it.
-
-    Returns:
-        The density at each query, shape (...).
     """
     at = np.asarray(queries, dtype=np.float64)
     # In whitened coordinates every kernel is a unit Gaussian.
@@ -162,7 +135,7 @@ def kernel_sum(
     return (total / normaliser).reshape(at.shape[:-1])
 
 
-def grid_positions(columns: int, rows: int) -> NDArray[np.float64]:
+def grid_positions(columns: int, rows: int) -> Array:
     """Node positions of a regular grid over the whole pitch, shape (columns, rows, 2)."""
     x = np.linspace(-HALF_LENGTH, HALF_LENGTH, columns)
     y = np.linspace(-HALF_WIDTH, HALF_WIDTH, rows)

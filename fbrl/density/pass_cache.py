@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from fbrl.checks.field_types import check_field_types
 from fbrl.density.passes import Pass
 
 FORMAT = 1
@@ -29,11 +30,8 @@ class PassCache:
     """One small file per match with its extracted passes, and one per list of matches.
 
     Files are written in one piece or not at all; one that is damaged, or was written by another
-    version, counts as absent. Whole events are never kept. Where nothing can be written, nothing
-    is kept, with one warning.
-
-    Args:
-        directory: where the files are, made when the first is written; None if nowhere.
+    version, counts as absent. Whole events are never kept. Where nothing can be written, or there
+    is no directory, nothing is kept, with one warning.
     """
 
     def __init__(self, directory: Path | None) -> None:
@@ -45,9 +43,11 @@ class PassCache:
         rows = self._read(f"match-{match_id}")
         try:
             passes = None if rows is None else [Pass(**row) for row in rows]
+            for row in passes or ():
+                check_field_types(row)
         except TypeError:
             return None
-        return passes if passes is None or all(map(_is_whole, passes)) else None
+        return passes
 
     def keep_passes(self, match_id: int, rows: Sequence[Pass]) -> None:
         """Keeps the passes of a match."""
@@ -79,7 +79,15 @@ class PassCache:
         try:
             if self.directory is None:
                 raise OSError("there is no home directory")
-            self._write(self.directory, name, rows)
+            self.directory.mkdir(parents=True, exist_ok=True)
+            # Under a name of its own, as another process may keep the same match.
+            descriptor, temporary = tempfile.mkstemp(".partial", f".{name}-", self.directory)
+            try:
+                with open(descriptor, "w", encoding="utf-8") as file:
+                    json.dump({"format": FORMAT, "rows": list(rows)}, file)
+                os.replace(temporary, self.directory / f"{name}.json")
+            finally:
+                Path(temporary).unlink(missing_ok=True)
         except OSError as error:
             self._keeps = False
             warnings.warn(
@@ -87,26 +95,3 @@ class PassCache:
                 "Name a directory that can be written to in XDG_CACHE_HOME.",
                 stacklevel=1,
             )
-
-    @staticmethod
-    def _write(directory: Path, name: str, rows: Sequence[Any]) -> None:
-        directory.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(
-            dir=directory, prefix=f".{name}-", suffix=".partial"
-        )
-        try:
-            with open(descriptor, "w", encoding="utf-8") as file:
-                json.dump({"format": FORMAT, "rows": list(rows)}, file)
-            os.replace(temporary, directory / f"{name}.json")
-        finally:
-            Path(temporary).unlink(missing_ok=True)
-
-
-def _is_whole(row: Pass) -> bool:
-    return (
-        all(type(value) is float for value in row.position)
-        and type(row.match_id) in (int, type(None))
-        and all(type(text) in (str, type(None)) for text in (row.play_pattern, row.pass_type))
-        and type(row.group) is str
-        and type(row.cross) is type(row.goal_assist) is bool
-    )

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fbrl.checks.field_types import check_field_types
 from fbrl.density.coordinates import STATSBOMB_LENGTH, STATSBOMB_WIDTH, pitch_from_statsbomb
 
 POSITION_COLUMNS = ("x", "y", "end_x", "end_y")
@@ -17,13 +18,11 @@ POSITION_COLUMNS = ("x", "y", "end_x", "end_y")
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass on StatsBomb's 120 x 80 pitch, the attack going towards x = 120.
+    """One pass on StatsBomb's 120 x 80 pitch, from x and y to end_x and end_y.
+
+    The attack goes towards x = 120, and y grows downwards from the top.
 
     Attributes:
-        x: where it was played from.
-        y: where it was played from, growing downwards from the top.
-        end_x: where it was received.
-        end_y: where it was received.
         match_id: StatsBomb's number of the match; ``None`` if unknown.
         group: competition and season, or the file it comes from: what counts are given per.
         play_pattern: how the possession began, such as "Regular Play".
@@ -71,12 +70,8 @@ class Passes:
 def passes_of_match(events: Iterable[Mapping[str, Any]], match_id: int) -> list[Pass]:
     """The passes of a match that led to a shot, goals included.
 
-    Args:
-        events: the match's events in StatsBomb's layout.
-        match_id: StatsBomb's number of the match.
-
     Raises:
-        ValueError: if the events are not in that layout.
+        ValueError: if the events are not in StatsBomb's layout.
     """
     try:
         return [
@@ -94,15 +89,17 @@ def passes_of_match(events: Iterable[Mapping[str, Any]], match_id: int) -> list[
 
 def _pass_of_event(event: Mapping[str, Any], match_id: int) -> Pass:
     details = event["pass"]
-    return Pass(
+    row = Pass(
         *_position(event.get("location")),
         *_position(details.get("end_location")),
         match_id=match_id,
-        play_pattern=_name(event["play_pattern"]),
-        pass_type=_name(details["type"]) if "type" in details else None,
+        play_pattern=event["play_pattern"]["name"],
+        pass_type=details["type"]["name"] if "type" in details else None,
         cross=bool(details.get("cross", False)),
         goal_assist=bool(details.get("goal_assist", False)),
     )
+    check_field_types(row)
+    return row
 
 
 def _position(location: Sequence[Any] | None) -> tuple[float, float]:
@@ -113,22 +110,8 @@ def _position(location: Sequence[Any] | None) -> tuple[float, float]:
     return x, y
 
 
-def _name(entry: Mapping[str, Any]) -> str:
-    name = entry["name"]
-    if not isinstance(name, str):
-        raise TypeError(f"name {name!r} is no text")
-    return name
-
-
-@dataclass(frozen=True)
-class Cleaned:
-    """What is left of passes after :func:`clean`.
-
-    Attributes:
-        rows: the passes that are kept.
-        repeated: how many were left out because they were listed twice.
-        unusable: how many were left out because of their positions.
-    """
+class Cleaned(NamedTuple):
+    """The passes that :func:`clean` has kept, and how many it left out as repeated or unusable."""
 
     rows: list[Pass]
     repeated: int
@@ -139,15 +122,11 @@ def clean(passes: Passes, *, drop_unusable: bool = False) -> Cleaned:
     """Leaves out passes that are listed twice and, if asked, those at impossible positions.
 
     Two passes of one match with the same start and end are one pass. Without the match that can't
-    be told, and equal rows are all kept.
-
-    Args:
-        passes: any passes.
-        drop_unusable: leave out positions that are NaN, infinite or outside the pitch; otherwise
-            they are an error.
+    be told, and equal rows are all kept. Unusable are positions that are NaN, infinite or outside
+    the pitch.
 
     Raises:
-        ValueError: for the first impossible position, naming its pass.
+        ValueError: for the first of these, if they are not dropped.
     """
     rows: list[Pass] = []
     seen: set[tuple[int, tuple[float, ...]]] = set()
@@ -155,8 +134,9 @@ def clean(passes: Passes, *, drop_unusable: bool = False) -> Cleaned:
     for number, row in enumerate(passes.rows, start=1):
         if not _on_pitch(row):
             if not drop_unusable:
+                match = "" if row.match_id is None else f" (match {row.match_id})"
                 raise ValueError(
-                    f"{passes.origin}: pass {number}{_of_match(row)} goes from "
+                    f"{passes.origin}: pass {number}{match} goes from "
                     f"({row.x:g}, {row.y:g}) to ({row.end_x:g}, {row.end_y:g}), which is not on "
                     "the pitch [0, 120] x [0, 80]. Correct it, or leave such passes out: "
                     "drop_unusable=True, --drop-unusable on a command line."
@@ -174,15 +154,10 @@ def clean(passes: Passes, *, drop_unusable: bool = False) -> Cleaned:
 
 
 def _on_pitch(row: Pass) -> bool:
-    return (
-        all(math.isfinite(value) for value in row.position)
-        and all(0 <= value <= STATSBOMB_LENGTH for value in (row.x, row.end_x))
-        and all(0 <= value <= STATSBOMB_WIDTH for value in (row.y, row.end_y))
+    # Comparisons with NaN are false.
+    return all(0 <= x <= STATSBOMB_LENGTH for x in (row.x, row.end_x)) and all(
+        0 <= y <= STATSBOMB_WIDTH for y in (row.y, row.end_y)
     )
-
-
-def _of_match(row: Pass) -> str:
-    return "" if row.match_id is None else f" (match {row.match_id})"
 
 
 def in_group(rows: Iterable[Pass], group: str) -> list[Pass]:

@@ -20,8 +20,7 @@ class PositionDensity(nn.Module):
     :math:`[0, peak]`. Positions outside the pitch, and positions with a NaN coordinate, have
     density 0.
 
-    The state is one persistent buffer (``corners``) and what it stands for, the peak and the number
-    of rows, so that the module moves between devices and is saved like any other. Nothing in
+    The state is one persistent buffer (``corners``), the peak and the number of rows. Nothing in
     :meth:`forward` depends on data in Python: it compiles, works under :func:`torch.vmap` and never
     waits for the device.
 
@@ -74,14 +73,9 @@ class PositionDensity(nn.Module):
         return self.corners[:, 0, 0].reshape(-1, self._rows)
 
     def forward(self, position: Tensor) -> Tensor:
-        """Evaluate the density.
+        """The density at floating-point positions of shape (..., 2), shape (...), in [0, peak].
 
-        Args:
-            position: (..., 2) floating-point x and y on the environment's pitch.
-
-        Returns:
-            The density at each position, shape (...), in [0, peak]; 0 outside the pitch and for
-            NaN. It has the wider of the position's and the grid's dtype.
+        It has the wider of the position's and the grid's dtype.
 
         Raises:
             TypeError: if the position is no floating-point tensor.

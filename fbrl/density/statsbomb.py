@@ -20,6 +20,12 @@ _OFFLINE_REMEDY = (
     "(read_event_files, --events) need none."
 )
 
+_LISTED = (
+    *("competition_id", "season_id", "competition_name", "season_name"),
+    *("country_name", "competition_gender"),
+)
+"""What is kept of the list of competitions."""
+
 
 class StatsBombError(OSError):
     """StatsBomb's open data cannot be read."""
@@ -31,14 +37,7 @@ class NotPublishedError(StatsBombError):
 
 @dataclass(frozen=True)
 class Season:
-    """One season of one competition.
-
-    Attributes:
-        competition_id: StatsBomb's number of the competition.
-        season_id: StatsBomb's number of the season.
-        competition: such as "Premier League".
-        season: such as "2015/2016".
-    """
+    """One season of one competition: StatsBomb's numbers, and names such as "2015/2016"."""
 
     competition_id: int
     season_id: int
@@ -51,10 +50,7 @@ class Season:
 
 @dataclass(frozen=True)
 class OpenData:
-    """StatsBomb's files over HTTP, with a time limit and retries.
-
-    Addresses and parsing are those of ``statsbombpy``. Its own request waits for an answer without
-    any limit, and never tries again.
+    """StatsBomb's files over HTTP, with a time limit and retries, which ``statsbombpy`` lacks.
 
     Attributes:
         timeout: seconds without an answer, or without more of it, that are given up.
@@ -101,7 +97,9 @@ class OpenData:
                 return parse(response.json())
             # An answer that is cut off may still parse, as something else.
             except (requests.RequestException, ValueError, KeyError, TypeError) as error:
-                if attempt == self.attempts or not _may_pass(error):
+                answer = getattr(error, "response", None)
+                may_pass = answer is None or answer.status_code == 429 or answer.status_code >= 500
+                if attempt == self.attempts or not may_pass:
                     raise _as_statsbomb_error(address, error, attempt) from error
                 time.sleep(self.backoff * 2 ** (attempt - 1))
         raise ValueError(f"attempts is {self.attempts}; it must be at least 1.")
@@ -115,11 +113,6 @@ def _statsbombpy() -> tuple[Any, Any]:
     except ImportError as error:
         raise MissingExtraError("Downloads", ["statsbombpy"], "density") from error
     return config, entities
-
-
-def _may_pass(error: Exception) -> bool:
-    response = getattr(error, "response", None)
-    return response is None or response.status_code >= 500 or response.status_code == 429
 
 
 def _as_statsbomb_error(address: str, error: Exception, attempts: int) -> StatsBombError:
@@ -172,27 +165,21 @@ class StatsBombSource:
             listed = self._listing("competitions", self._competitions, refresh=True)
         found = _named(listed, "competition", competition)
         if not found:
-            check_name(
-                "competition", competition, sorted({row["competition_name"] for row in listed})
-            )
-        if len({row["competition_id"] for row in found}) > 1:
-            choices = sorted(
-                {
-                    f"{row['competition_id']} ({row['country_name']}, {row['competition_gender']})"
-                    for row in found
-                }
-            )
+            names = {row["competition_name"] for row in listed}
+            check_name("competition", competition, sorted(names))
+        choices = {
+            f"{row['competition_id']} ({row['country_name']}, {row['competition_gender']})"
+            for row in found
+        }
+        if len(choices) > 1:
             raise ValueError(
                 f"Several competitions are called {competition!r}: give one of the numbers "
-                f"{', '.join(choices)}."
+                f"{', '.join(sorted(choices))}."
             )
         seasons = _named(found, "season", season)
         if not seasons:
-            check_name(
-                f"season of {found[0]['competition_name']}",
-                season,
-                sorted(row["season_name"] for row in found),
-            )
+            kind = f"season of {found[0]['competition_name']}"
+            check_name(kind, season, sorted(row["season_name"] for row in found))
         row = seasons[0]
         return Season(
             row["competition_id"], row["season_id"], row["competition_name"], row["season_name"]
@@ -204,11 +191,8 @@ class StatsBombSource:
         """The passes of the seasons' matches that led to shots, in the order of the matches.
 
         What has been read is kept in the cache at once, so that a later call goes on where an
-        interrupted one ended.
-
-        Args:
-            seasons: the seasons.
-            on_progress: called with the number of matches that are done, and of all matches.
+        interrupted one ended. ``on_progress`` is called with the number of matches that are done,
+        and of all matches.
 
         Raises:
             StatsBombError: if a file cannot be read.
@@ -243,11 +227,13 @@ class StatsBombSource:
             raise StatsBombError(
                 f"None of the {len(season_of)} matches listed is published: nothing to fit."
             )
-        kept: list[Pass] = []
-        for match_id, season in season_of.items():
-            kept += in_group(rows.get(match_id, []), str(season))
         self.missing.sort()
-        return Passes(kept, EVENT_COLUMNS, ORIGIN)
+        in_order = [
+            row
+            for match_id, season in season_of.items()
+            for row in in_group(rows.get(match_id, []), str(season))
+        ]
+        return Passes(in_order, EVENT_COLUMNS, ORIGIN)
 
     def _download(self, match_id: int) -> list[Pass]:
         rows = self.data.passes(match_id)
@@ -256,20 +242,7 @@ class StatsBombSource:
         return rows
 
     def _competitions(self) -> list[dict[str, Any]]:
-        return [
-            {
-                key: row[key]
-                for key in (
-                    "competition_id",
-                    "season_id",
-                    "competition_name",
-                    "season_name",
-                    "country_name",
-                    "competition_gender",
-                )
-            }
-            for row in self.data.competitions()
-        ]
+        return [{key: row[key] for key in _LISTED} for row in self.data.competitions()]
 
     def _listing(
         self, name: str, read: Callable[[], list[Any]], *, refresh: bool = False

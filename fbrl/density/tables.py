@@ -26,14 +26,12 @@ _TRUTHS = {"1": True, "1.0": True, "true": True, "0": False, "0.0": False, "fals
 def read_passes_csv(path: str | os.PathLike[str]) -> Passes:
     """Reads passes from a CSV table on StatsBomb's 120 x 80 pitch.
 
-    Args:
-        path: a file with the columns x, y, end_x and end_y. The columns competition, season,
-            match_id, play_pattern, pass_type, cross and goal_assist are used if they are there;
-            without goal_assist, every row counts as a goal assist. Others are ignored.
+    It has the columns x, y, end_x and end_y. The columns competition, season, match_id,
+    play_pattern, pass_type, cross and goal_assist are used if they are there; without goal_assist,
+    every row counts as a goal assist. Others are ignored.
 
     Raises:
-        ValueError: if a column is missing or a value is of the wrong kind. The message names the
-            file, the line, the column and the value.
+        ValueError: if a column is missing or a value is of the wrong kind.
         OSError: if the file cannot be read.
     """
     table = read_csv_table(path)
@@ -44,15 +42,13 @@ def read_passes_csv(path: str | os.PathLike[str]) -> Passes:
             "Expected x, y, end_x and end_y on the 120 x 80 pitch."
         )
     rows = [
-        _pass_of_row(row, f"{path}, line {line}")
+        _pass_of_row(row, f"{path}, line {line}", Path(path).name)
         for line, row in zip(table.lines, table.rows, strict=True)
     ]
-    unnamed = Path(path).name
-    rows = [row if row.group else in_group([row], unnamed)[0] for row in rows]
     return Passes(rows, EVENT_COLUMNS & set(table.columns), str(path))
 
 
-def _pass_of_row(row: dict[str, str], where: str) -> Pass:
+def _pass_of_row(row: dict[str, str], where: str, file: str) -> Pass:
     x, y, end_x, end_y = (_number(row, column, where) for column in POSITION_COLUMNS)
     return Pass(
         x,
@@ -60,7 +56,7 @@ def _pass_of_row(row: dict[str, str], where: str) -> Pass:
         end_x,
         end_y,
         match_id=_number(row, "match_id", where, as_whole_number) if row.get("match_id") else None,
-        group=" ".join(filter(None, [row.get("competition"), row.get("season")])),
+        group=" ".join(filter(None, [row.get("competition"), row.get("season")])) or file,
         play_pattern=row.get("play_pattern") or None,
         pass_type=row.get("pass_type") or None,
         cross=_truth(row, "cross", where, absent=False),
@@ -90,10 +86,9 @@ def _truth(row: dict[str, str], column: str, where: str, *, absent: bool) -> boo
 
 
 def read_event_files(directory: str | os.PathLike[str]) -> Passes:
-    """Reads the passes that led to shots from StatsBomb's event files, one match each.
+    """Reads the passes that led to shots from StatsBomb's event files.
 
-    Args:
-        directory: holds ``<match>.json`` or ``<match>.json.gz``, named by the match's number.
+    The directory holds ``<match>.json`` or ``<match>.json.gz``, named by the match's number.
 
     Raises:
         ValueError: if there is no such file in it, or one is damaged or in another layout.
