@@ -38,14 +38,11 @@ def locate(path: Path | str) -> Path:
 def read_card(name: str) -> dict[str, Any]:
     """What is known of an agent.
 
-    Args:
-        name: One of :func:`pretrained_names`.
-
     Returns:
-        ``scenario`` and ``reward``; ``frames``, those of all trainings that led to it, of which an
-        agent's own ``frames`` are the last one's; ``commands`` that trained it;
-        ``goal_difference``, the mean over ``episodes`` fresh matches, with ``low`` and ``high``,
-        its 95 % interval; ``license`` and ``credit``.
+        ``scenario`` and ``reward``; ``frames`` of all trainings that led to it, of which an agent's
+        own ``frames`` are the last one's; ``commands`` that trained it; ``goal_difference``, the
+        mean over ``episodes`` fresh matches, with ``low`` and ``high``, its 95 % interval;
+        ``license`` and ``credit``.
 
     Raises:
         UnknownNameError: There is no such agent.
