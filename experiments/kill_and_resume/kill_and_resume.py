@@ -22,6 +22,7 @@ from pathlib import Path
 import torch
 
 from fbrl.checkpoint import load_checkpoint
+from fbrl.files.csv_table import write_csv_table
 from fbrl.run_files import CHECKPOINT_NAME
 
 CHECKPOINT_INTERVAL = 256
@@ -124,17 +125,13 @@ def main() -> None:
         finish(start(whole, options.frames))
         for number in range(1, options.kills + 1):
             process = start(killed, options.frames)
-            table.append(
-                {"kill": number, **kill(process, killed, moments.uniform(0, LONGEST_LIFE))}
-            )
+            row = kill(process, killed, moments.uniform(0, LONGEST_LIFE))
+            table.append({"kill": number, **row})
             print(table[-1], flush=True)
         finish(start(killed, options.frames))
         found = differences(whole, killed)
     if options.out:
-        with options.out.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, list(table[0]))
-            writer.writeheader()
-            writer.writerows(table)
+        write_csv_table(options.out, table)
     if found:
         raise SystemExit(f"The trainings differ in {', '.join(found)}.")
     most = max(row["lost"] for row in table)

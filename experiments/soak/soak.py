@@ -34,6 +34,7 @@ TRAINING = [
     *("--eval-episodes", "16", "--eval-interval", "20000"),
 ]
 
+WATCHED = ("resident_mib", "descriptors", "threads")
 Sample = dict[str, float]
 
 
@@ -67,17 +68,13 @@ def growth(watched: list[Sample], name: str) -> tuple[float, float]:
     """The first and the last fifth of what was watched in one number each."""
     fifth = max(1, len(watched) // 5)
     middle = statistics.median if name == "resident_mib" else min
-    first, last = (
-        [sample[name] for sample in part] for part in (watched[:fifth], watched[-fifth:])
-    )
-    return middle(first), middle(last)
+    values = [sample[name] for sample in watched]
+    return middle(values[:fifth]), middle(values[-fifth:])
 
 
 def verdict(watched: list[Sample]) -> tuple[str, bool]:
     """What became of the process after the warm-up in a line, and whether that is good."""
-    memory, descriptors, threads = (
-        growth(watched, name) for name in ("resident_mib", "descriptors", "threads")
-    )
+    memory, descriptors, threads = (growth(watched, name) for name in WATCHED)
     grown = memory[1] / memory[0] - 1
     good = grown < MOST_GROWTH and descriptors[1] <= descriptors[0] and threads[1] <= threads[0]
     line = (
@@ -96,7 +93,7 @@ def soak(options: argparse.Namespace, run_dir: Path) -> list[Sample]:
     watched: list[Sample] = []
     try:
         with options.out.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, ["seconds", "resident_mib", "descriptors", "threads"])
+            writer = csv.DictWriter(file, ["seconds", *WATCHED])
             writer.writeheader()
             for sample in samples(process, options.seconds_between):
                 writer.writerow(sample)

@@ -1,15 +1,18 @@
-"""The points of a sweep: which trainings a grid asks for, and how far each of them is."""
+"""The points of a sweep: which trainings a grid asks for, how far they are, what they came to."""
 
 from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
+from rich.console import Console
+from rich.table import Table
 
 from fbrl.analysis.run_log import RunLogError, read_run_log
 from fbrl.cli.train_options import parse_training
@@ -21,13 +24,7 @@ OWN_OPTIONS = ("run-dir", "num-threads")
 
 @dataclass(frozen=True)
 class Point:
-    """One training of a sweep.
-
-    Attributes:
-        run_dir: Its directory.
-        arguments: Of fbrl-train, for its beginning.
-        config: What they ask for.
-    """
+    """One training of a sweep: its directory, and how fbrl-train begins it."""
 
     run_dir: Path
     arguments: tuple[str, ...]
@@ -140,3 +137,53 @@ def training_arguments(values: Mapping[str, Any]) -> tuple[str, ...]:
         elif name != "scenario":
             arguments += [f"--{name}", *map(str, value if isinstance(value, list) else [value])]
     return tuple(arguments)
+
+
+def print_summary(points: Sequence[Point], failures: Mapping[Point, str]) -> None:
+    """Prints a line for each training, how to draw all of them, and what went wrong, in words."""
+    table = Table("run", "state", "frames", "goal difference", box=None, pad_edge=False)
+    for point in points:
+        state = "failed" if point in failures else "finished"
+        table.add_row(
+            point.run_dir.name, state, f"{point.frames_done():,}", latest_goal_difference(point)
+        )
+    # A terminal breaks a long line, and a file has no width: nothing is to be cut off.
+    Console(width=1000, highlight=False, markup=False).print(table)
+    print("Draw them with:", *plot_commands(points), sep="\n  ")
+    for point, outcome in failures.items():
+        print(f"{point.run_dir}: {outcome}")
+    print(f"{len(points) - len(failures)} of {len(points)} trainings are finished.")
+    if failures:
+        print("The same command tries those that failed again.")
+
+
+def latest_goal_difference(point: Point) -> str:
+    """The goal difference of a run: of its last evaluation, else of its last training matches."""
+    for kind, where in (("evaluation", "evaluation"), ("match", "training matches")):
+        try:
+            _, values = read_run_log(point.run_dir).curve(f"{kind}/goal_difference")
+        except ValueError:  # no such log, or nothing of this kind in it
+            continue
+        if len(values):
+            return f"{values[-1]:+.2f} ({where})"
+    return ""
+
+
+def plot_commands(points: Sequence[Point]) -> list[str]:
+    """Commands that draw the sweep: curves of each scenario and, where it was evaluated, bars."""
+    runs = shlex.quote(str(points[0].run_dir.parent))
+    patterns = {point.config.scenario: _pattern(point) for point in points}
+    commands = [
+        f"fbrl-plot curves {runs}/{pattern}/ --out {scenario}.png"
+        for scenario, pattern in patterns.items()
+    ]
+    if all(point.config.eval_episodes for point in points):
+        commands.append(f"fbrl-plot bars {runs}/*/ --out goals.png")
+    return commands
+
+
+def _pattern(point: Point) -> str:
+    """What the shell completes to the runs of a point's scenario."""
+    chosen = f"scenario={point.config.scenario}"
+    before, found, after = point.run_dir.name.partition(chosen)
+    return f"{'*' if before else ''}{chosen}{',*' if after else ''}" if found else "*"

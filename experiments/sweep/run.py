@@ -6,7 +6,6 @@ import concurrent.futures
 import contextlib
 import ctypes
 import functools
-import os
 import signal
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from concurrent.futures import Future
 from datetime import timedelta
 from pathlib import Path
 
-from grid import Point, read_grid
+from grid import Point, print_summary, read_grid
 
 from fbrl.cli.arguments import number_from_zero, positive_integer
 from fbrl.cli.errors import FAILED, INTERRUPTED, Parser, ending_when_interrupted, fail
@@ -65,13 +64,8 @@ begun; 130: interrupted"""
 def run_training(run_dir: Path, arguments: Sequence[str], total_frames: int, threads: int) -> int:
     """Begins a training, or goes on with it, in a process of its own; runs where Ray has room.
 
-    When the task is cancelled, and when Ray's process dies, the training saves and ends.
-
-    Returns:
-        The exit code of fbrl-train.
-
-    Raises:
-        ConfigError: Another process is training there, and does not end.
+    When the task is cancelled, and when Ray's process dies, the training saves and ends. Returns
+    the exit code of fbrl-train.
     """
     program = str(Path(sys.executable).with_name("fbrl-train"))
     if has_checkpoint(run_dir):
@@ -80,13 +74,8 @@ def run_training(run_dir: Path, arguments: Sequence[str], total_frames: int, thr
         command = [program, *arguments, "--run-dir", str(run_dir)]
     run_dir.parent.mkdir(parents=True, exist_ok=True)
     with run_dir.with_name(f"{run_dir.name}.output.log").open("ab") as log:
-        process = subprocess.Popen(
-            [*command, "--num-threads", str(threads)],
-            stdout=log,
-            stderr=log,
-            env=os.environ,
-            preexec_fn=end_with_parent(),
-        )
+        command += ["--num-threads", str(threads)]
+        process = subprocess.Popen(command, stdout=log, stderr=log, preexec_fn=end_with_parent())
         while True:
             try:
                 # Ray's way to cancel a task doesn't wake a longer wait.
@@ -104,10 +93,7 @@ def end_with_parent() -> Callable[[], object]:
 
 
 def has_checkpoint(run_dir: Path) -> bool:
-    """Waits for a training that is being ended.
-
-    Returns:
-        Whether there is a checkpoint to go on from.
+    """Waits for a training that is being ended; whether there is a checkpoint to go on from.
 
     Raises:
         ConfigError: Another process is training there, and does not end.
@@ -133,7 +119,6 @@ def sweep(points: Sequence[Point], cpus_per_run: int, gpus_per_run: float) -> in
         ConfigError: No node of the cluster has room for one of them.
     """
     import ray
-    from summary import print_summary
 
     check_room(cpus_per_run, gpus_per_run)
     unfinished = [point for point in points if not point.is_finished()]
@@ -152,9 +137,8 @@ def sweep(points: Sequence[Point], cpus_per_run: int, gpus_per_run: float) -> in
         for point in unfinished
     ]
     # In ray.wait an exception from a signal's handler would become another one.
-    running = {
-        reference.future(): point for reference, point in zip(references, unfinished, strict=True)
-    }
+    futures = (reference.future() for reference in references)
+    running = dict(zip(futures, unfinished, strict=True))
     failures: dict[Point, str] = {}
     with Interrupt() as interrupt:
         try:
@@ -198,11 +182,8 @@ def outcomes(running: dict[Future[int], Point]) -> Iterator[tuple[Point, str]]:
     before = sum(point.frames_done() for point in running.values())
     ended_frames, next_line = 0, began + SECONDS_BETWEEN_LINES
     while running:
-        ended, _ = concurrent.futures.wait(
-            running,
-            max(0, next_line - time.monotonic()),
-            concurrent.futures.FIRST_COMPLETED,
-        )
+        patience = max(0, next_line - time.monotonic())
+        ended, _ = concurrent.futures.wait(running, patience, concurrent.futures.FIRST_COMPLETED)
         for training in ended:
             point = running.pop(training)
             ended_frames += point.frames_done()

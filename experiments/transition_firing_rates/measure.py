@@ -24,19 +24,16 @@ from fbrl.envs import make_env
 from fbrl.transforms import AssistDensityReward
 
 NUM_ENVS = 8
-
-
-def everywhere() -> AssistDensity:
-    """Densities of 1 on the whole pitch."""
-    flat = torch.ones(2, 2)
-    return AssistDensity(PositionDensity(flat, peak=1.0), PositionDensity(flat, peak=1.0))
+EVERYWHERE = PositionDensity(torch.ones(2, 2), peak=1.0)
 
 
 def measure(scenario: str, run: Path | None, steps: int, seed: int) -> dict[str, float | str]:
     """Plays a random or a trained policy and counts received passes in both readings."""
     torch.manual_seed(seed)
     rewards = {
-        transition: AssistDensityReward(everywhere(), transition=transition)
+        transition: AssistDensityReward(
+            AssistDensity(EVERYWHERE, EVERYWHERE), transition=transition
+        )
         for transition in ("possession", "consecutive")
     }
     raw_keys = [key for key in rewards["possession"].in_keys if key != "reward"]
