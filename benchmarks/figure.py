@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks import sections
 from benchmarks.results import SectionResults, Summary
 from benchmarks.sections import FRAMES, STEPS
@@ -37,10 +39,9 @@ def save_figure(results: Mapping[str, SectionResults], path: Path) -> None:
 
 
 def _environment(axes: Any, result: SectionResults) -> None:
-    names = [sections.MINIMAP, sections.SIMPLE115, sections.TRAINING_ENV]
     bars = {
-        name: [result.ratio(case, name, PEERS[name], STEPS) for case in result.cases]
-        for name in names
+        name: [result.summary(case, name, STEPS, PEERS[name]) for case in result.cases]
+        for name in (sections.MINIMAP, sections.SIMPLE115, sections.TRAINING_ENV)
     }
     _grouped_bars(axes, result.cases, bars)
     axes.axhline(1, color="black", linewidth=0.8)
@@ -69,17 +70,13 @@ def _vectorisation(axes: Any, result: SectionResults) -> None:
 
 def _time_shares(axes: Any, result: SectionResults) -> None:
     shares = {case: mean_shares(result, case) for case in result.cases}
-    left = [0.0] * len(shares)
+    labels = [_label(case) for case in shares]
+    left = np.zeros(len(shares))
     for index, part in enumerate(next(iter(shares.values()))):
         widths = [shares[case][part] for case in shares]
-        axes.barh(
-            [_label(case) for case in shares],
-            widths,
-            left=left,
-            label=part,
-            color=f"C{index}" if index < 10 else "grey",
-        )
-        left = [start + width for start, width in zip(left, widths, strict=True)]
+        colour = f"C{index}" if index < 10 else "grey"
+        axes.barh(labels, widths, left=left, label=part, color=colour)
+        left = left + widths
     axes.set_xlim(0, 100)
     axes.set_title("Where the time of a training goes, percent")
     _legend_below(axes)

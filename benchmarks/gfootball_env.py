@@ -22,19 +22,18 @@ import gymnasium
 import numpy as np
 
 
-class OldEnv:
+class _OldEnv:
     """``gym.Env``: ``reset()`` returns an observation, ``step()`` four values."""
 
     @property
     def unwrapped(self) -> Any:
-        """The environment below all wrappers."""
         return self
 
     def close(self) -> None:
-        """Frees what the environment holds."""
+        pass
 
 
-class OldWrapper(OldEnv):
+class _OldWrapper(_OldEnv):
     """``gym.Wrapper``: passes everything on to the environment that it wraps."""
 
     def __init__(self, env: Any) -> None:
@@ -47,44 +46,37 @@ class OldWrapper(OldEnv):
 
     @property
     def unwrapped(self) -> Any:
-        """The environment below all wrappers."""
         return self.env.unwrapped
 
     def reset(self) -> Any:
-        """Starts an episode."""
         return self.env.reset()
 
     def step(self, action: Any) -> Any:
-        """Plays one step."""
         return self.env.step(action)
 
     def close(self) -> None:
-        """Closes the environment that it wraps."""
         self.env.close()
 
 
-class OldObservationWrapper(OldWrapper):
+class _OldObservationWrapper(_OldWrapper):
     """``gym.ObservationWrapper``: converts observations."""
 
     observation: Callable[[Any], Any]
 
     def reset(self) -> Any:
-        """Starts an episode."""
         return self.observation(self.env.reset())
 
     def step(self, action: Any) -> Any:
-        """Plays one step."""
         observation, reward, done, info = self.env.step(action)
         return self.observation(observation), reward, done, info
 
 
-class OldRewardWrapper(OldWrapper):
+class _OldRewardWrapper(_OldWrapper):
     """``gym.RewardWrapper``: converts rewards."""
 
     reward: Callable[[Any], Any]
 
     def step(self, action: Any) -> Any:
-        """Plays one step."""
         observation, reward, done, info = self.env.step(action)
         return observation, self.reward(reward), done, info
 
@@ -95,28 +87,27 @@ def _load_gfootball_env() -> types.ModuleType:
     registration = types.ModuleType("gym.envs.registration")
     vars(registration)["register"] = lambda **_: None
     vars(gym).update(
-        Env=OldEnv,
-        Wrapper=OldWrapper,
-        ObservationWrapper=OldObservationWrapper,
-        RewardWrapper=OldRewardWrapper,
+        Env=_OldEnv,
+        Wrapper=_OldWrapper,
+        ObservationWrapper=_OldObservationWrapper,
+        RewardWrapper=_OldRewardWrapper,
         spaces=gymnasium.spaces,
     )
-    sys.modules.update(
-        {
-            "gym": gym,
-            "gym.spaces": gymnasium.spaces,
-            "gym.envs": types.ModuleType("gym.envs"),
-            "gym.envs.registration": registration,
-        }
-    )
+    stand_ins = {
+        "gym": gym,
+        "gym.spaces": gymnasium.spaces,
+        "gym.envs": types.ModuleType("gym.envs"),
+        "gym.envs.registration": registration,
+    }
+    sys.modules.update(stand_ins)
     try:
         module = importlib.import_module("gfootball.env")
     finally:
         # TorchRL and Stable-Baselines3 would take the stand-in for gym itself.
-        for name in ("gym", "gym.spaces", "gym.envs", "gym.envs.registration"):
+        for name in stand_ins:
             del sys.modules[name]
     wrappers = getattr(module, "wrappers", None)
-    if wrappers is None or not issubclass(wrappers.SMMWrapper, OldObservationWrapper):
+    if wrappers is None or not issubclass(wrappers.SMMWrapper, _OldObservationWrapper):
         raise RuntimeError(
             "gfootball is already imported in this process, on another stand-in for gym: "
             "make its own environment in a process that has not imported fbrl.envs.engine's."
@@ -129,14 +120,9 @@ def make_gfootball_env(
 ) -> Any:
     """The environment of gfootball itself for one controlled player, with the reward from goals.
 
-    Args:
-        scenario: Name of a scenario module in ``gfootball.scenarios``.
-        representation: ``"extracted"`` for its Super Mini Map, ``"simple115v2"``, ``"raw"``.
-        stacked: Stack the last four observations along the channels.
-        seed: Engine seed of every episode; drawn from Python's global ``random`` by default.
-
-    Returns:
-        What ``gfootball.env.create_environment`` returns, with gym's old interface.
+    It has gym's old interface. The representation is ``"extracted"`` for its Super Mini Map, or
+    ``"simple115v2"``; ``stacked`` stacks the last four. The seed is the engine's in every episode,
+    drawn from Python's global ``random`` by default.
     """
     options = {} if seed is None else {"game_engine_random_seed": seed}
     return _load_gfootball_env().create_environment(
@@ -149,13 +135,7 @@ def make_gfootball_env(
 
 
 class GFootballEnv(gymnasium.Env[np.ndarray, np.int64]):
-    """The same with the interface of Gymnasium, which Stable-Baselines3 asks for.
-
-    Args:
-        scenario: As for :func:`make_gfootball_env`.
-        representation: Likewise.
-        stacked: Likewise.
-    """
+    """The same with the interface of Gymnasium, which Stable-Baselines3 asks for."""
 
     def __init__(self, scenario: str, representation: str, stacked: bool) -> None:
         self._env = make_gfootball_env(scenario, representation, stacked=stacked)

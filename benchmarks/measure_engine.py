@@ -36,13 +36,9 @@ def bare_engine(scenario: str, seconds: float, seed: int) -> dict[str, float]:
         game is in play, and ``frames_per_second`` of both as they come; all over all cores.
     """
     threads = len(os.sched_getaffinity(0))
-    recorder = Contestant(
-        scenario,
-        "recorder",
-        "benchmarks.measure_engine:record_episodes",
-        {"scenario": scenario, "seconds": seconds},
-    )
-    episodes = run_worker(recorder, seed)["episodes"]
+    function = "benchmarks.measure_engine:record_episodes"
+    wanted = {"scenario": scenario, "seconds": seconds}
+    episodes = run_worker(Contestant(scenario, "recorder", function, wanted), seed)["episodes"]
     engines = [start_engine() for _ in range(threads)]
 
     def play(index: int) -> _Played:
@@ -84,12 +80,11 @@ def record_episodes(scenario: str, seconds: float, seed: int) -> dict[str, Any]:
         engine_seed = int(random.integers(2**31))
         match.prepare(0, engine_seed, FIRST_EPISODE)
         match.begin([0])
-        length, ended = 0, False
+        length = 0
         for action in random_actions(engine_seed):
             match.step([0], [action])
             length += 1
-            ended = bool(match.not_running())
-            if ended or time.perf_counter() > deadline:
+            if match.not_running() or time.perf_counter() > deadline:
                 break
         episodes.append((engine_seed, length))
     match.close()

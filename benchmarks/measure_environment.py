@@ -16,14 +16,9 @@ NUM_ACTIONS = 19
 
 
 def fbrl_env(scenario: str, observation: str, seconds: float, seed: int) -> dict[str, float]:
-    """``FootballEnv`` with the raw keys of an observation, and its transform where it has one.
+    """``FootballEnv`` with the raw keys of an observation, and its transform.
 
-    Args:
-        scenario: What is played.
-        observation: ``"minimap"``: the keys that the mini maps are made of, which a network on
-            the device draws. ``"simple115"``: the vector of 115 numbers. ``"pixels"``: pictures.
-        seconds: How long to play.
-        seed: Engine seed of the matches.
+    For ``"minimap"`` the keys alone, as a network on the device draws the mini maps.
     """
     from tensordict import TensorDict
 
@@ -51,15 +46,7 @@ def fbrl_env(scenario: str, observation: str, seconds: float, seed: int) -> dict
 def gfootball_env(
     scenario: str, representation: str, seconds: float, seed: int, stacked: bool = False
 ) -> dict[str, float]:
-    """The environment of gfootball itself, with its own wrappers.
-
-    Args:
-        scenario: What is played.
-        representation: As for :func:`benchmarks.gfootball_env.make_gfootball_env`.
-        seconds: How long to play.
-        seed: Engine seed of the matches.
-        stacked: Stack four observations.
-    """
+    """The environment of gfootball itself, with its own wrappers."""
     from benchmarks.gfootball_env import make_gfootball_env
 
     env = make_gfootball_env(scenario, representation, stacked=stacked, seed=seed)
@@ -74,15 +61,7 @@ def gfootball_env(
 def fbrl_training_env(
     scenario: str, observation: str, num_envs: int, seconds: float, seed: int
 ) -> dict[str, float]:
-    """The environment of a training, rewards and stacked mini maps included, on one core.
-
-    Args:
-        scenario: What is played.
-        observation: As for :func:`fbrl.envs.make_env`.
-        num_envs: Matches that are stepped together.
-        seconds: How long to play.
-        seed: Seeds the matches.
-    """
+    """The environment of a training, rewards and stacked mini maps included, on one core."""
     import torch
     from torchrl.envs.utils import step_mdp
 

@@ -11,17 +11,13 @@ from pathlib import Path
 
 import psutil
 import torch
+from tensordict import TensorDictBase
 
 _SECONDS_BETWEEN_LOOKS = 0.2
 
 
 def peak_of_training(scenario: str, arguments: list[str], seed: int) -> dict[str, float]:
     """Runs ``fbrl-train`` and adds up the peaks of its processes' resident memory.
-
-    Args:
-        scenario: What is trained on.
-        arguments: More of the command line.
-        seed: Of the training.
 
     Returns:
         ``megabytes`` (of a million bytes). Pages that processes share are counted in each.
@@ -60,22 +56,27 @@ def stored_frame(scenario: str, seed: int) -> dict[str, float]:
     """Bytes that a frame takes in a collected batch.
 
     Returns:
-        ``cells`` and ``planes``: the observation alone, as cell indices and dense;
-        ``planes_per_cells``: their ratio.
-        ``frame_with_cells``: a whole frame with cells, rewards, flags and all.
+        ``cells`` and ``planes``, the observation alone as cell indices and dense, their ratio
+        ``planes_per_cells``, and ``frame_with_cells`` with rewards, flags and all.
     """
     from fbrl.envs import make_env
 
     steps, num_envs = 16, 2
-    figures = {}
-    for observation, key, name in (("minimap", "minimap_cells", "cells"), ("smm", "smm", "planes")):
+
+    def collected(observation: str) -> TensorDictBase:
         env = make_env(scenario, num_envs=num_envs, observation=observation, seed=seed)
         batch = env.rollout(steps, break_when_any_done=False)
         env.close()
-        figures[name] = batch[key].nbytes / batch.numel()
-        if name == "cells":
-            leaves = batch.values(include_nested=True, leaves_only=True)
-            tensors = [leaf for leaf in leaves if isinstance(leaf, torch.Tensor)]
-            figures["frame_with_cells"] = sum(leaf.nbytes for leaf in tensors) / batch.numel()
-    figures["planes_per_cells"] = figures["planes"] / figures["cells"]
-    return figures
+        return batch
+
+    frames = steps * num_envs
+    batch = collected("minimap")
+    leaves = batch.values(include_nested=True, leaves_only=True)
+    whole = sum(leaf.nbytes for leaf in leaves if isinstance(leaf, torch.Tensor))
+    cells, planes = batch["minimap_cells"].nbytes, collected("smm")["smm"].nbytes
+    return {
+        "cells": cells / frames,
+        "frame_with_cells": whole / frames,
+        "planes": planes / frames,
+        "planes_per_cells": planes / cells,
+    }

@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 from benchmarks.measure_training import training_config
 
@@ -46,20 +47,13 @@ class Stopwatch:
     def around(self, owner: Any, attribute: str, name: str) -> Iterator[None]:
         """Measures all calls of a function or method, found as an attribute of ``owner``."""
         function = getattr(owner, attribute)
-        had_its_own = attribute in vars(owner)
 
         def measured(*arguments: Any, **keywords: Any) -> Any:
             with self.running(name):
                 return function(*arguments, **keywords)
 
-        setattr(owner, attribute, measured)
-        try:
+        with mock.patch.object(owner, attribute, measured):
             yield
-        finally:
-            if had_its_own:
-                setattr(owner, attribute, function)
-            else:
-                delattr(owner, attribute)
 
     def _charge(self) -> None:
         self._synchronise()

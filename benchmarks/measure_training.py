@@ -1,4 +1,4 @@
-"""Collection, and whole trainings against Stable-Baselines3's PPO on gfootball's own environment.
+"""Whole trainings against Stable-Baselines3's PPO on gfootball's own environment.
 
 Both sides collect and learn with the same network, hyperparameters, number of matches and size of
 minibatches. Start-up and the first iteration are left out on both sides.
@@ -12,8 +12,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.measure_vectorisation import frames_per_second
-
 if TYPE_CHECKING:
     from fbrl.config import TrainConfig
 
@@ -21,16 +19,9 @@ if TYPE_CHECKING:
 def training_config(
     scenario: str, network: str, num_steps: int, iterations: int, device: str, seed: int
 ) -> TrainConfig:
-    """The configuration of a preset, with batches that a benchmark can wait for.
+    """The preset thesis for ``"cnn"``, light for ``"mlp"``, with batches one can wait for.
 
-    Args:
-        scenario: What is trained on.
-        network: ``"cnn"``: the preset thesis. ``"mlp"``: the preset light.
-        num_steps: Steps of each match between two updates. The minibatches keep the preset's
-            size, as far as the batch has so many frames.
-        iterations: Batches to collect and learn from.
-        device: Of the network.
-        seed: Of everything.
+    The minibatches keep the preset's size, as far as a batch of ``num_steps`` has so many frames.
     """
     from fbrl.presets import preset_config
 
@@ -48,11 +39,7 @@ def training_config(
 def fbrl_training(
     scenario: str, network: str, num_steps: int, iterations: int, device: str, seed: int
 ) -> dict[str, float]:
-    """Trains as ``fbrl-train`` does, with the analytics reward, logging and all.
-
-    Returns:
-        ``frames_per_second``.
-    """
+    """Trains as ``fbrl-train`` does, with the analytics reward, logging and all."""
     from fbrl.training import TrainListener, train
 
     config = training_config(scenario, network, num_steps, iterations, device, seed)
@@ -63,47 +50,10 @@ def fbrl_training(
     return _frames_per_second(config, ends)
 
 
-def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> dict[str, float]:
-    """Collects as a training of the preset light does, without learning.
-
-    Args:
-        scenario: What is played.
-        num_envs: Number of matches.
-        seconds: How long to collect, after the first batch.
-        seed: Of matches and network.
-
-    Returns:
-        ``frames_per_second``, resets of matches included.
-    """
-    import torch
-
-    from fbrl.assembly import make_model
-    from fbrl.collect import MatchCollector
-    from fbrl.presets import preset_config
-
-    torch.manual_seed(seed)
-    config = preset_config("light", scenario)
-    collector = MatchCollector(
-        scenario,
-        make_model(config, torch.device("cpu")).get_collection_policy(),
-        num_envs=num_envs,
-        reward=config.reward,
-        observation=config.observation,
-        seed=seed,
-    )
-    rate = frames_per_second(collector.collect, seconds)
-    collector.close()
-    return {"frames_per_second": rate}
-
-
 def stable_baselines3_training(
     scenario: str, network: str, num_steps: int, iterations: int, device: str, seed: int
 ) -> dict[str, float]:
-    """Trains with Stable-Baselines3 in processes, as its documentation recommends.
-
-    Returns:
-        ``frames_per_second``.
-    """
+    """Trains with Stable-Baselines3 in processes, as its documentation recommends."""
     import stable_baselines3
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.env_util import make_vec_env

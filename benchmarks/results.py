@@ -1,4 +1,4 @@
-"""Figures of a run: kept as JSON, and summed up over the rounds."""
+"""Figures of a run: kept as JSON, summed up over the rounds, and put into Markdown."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 
 from benchmarks.rounds import Row
 
+NOT_MEASURED = "not measured"
+
 
 @dataclass(frozen=True)
 class Summary:
@@ -20,20 +22,10 @@ class Summary:
     low: float
     high: float
 
-    @classmethod
-    def of(cls, values: list[float]) -> Summary:
-        """Sums up at least one value."""
-        return cls(float(np.median(values)), min(values), max(values))
-
 
 @dataclass(frozen=True)
 class SectionResults:
-    """What a section measured, and on what machine.
-
-    Attributes:
-        machine: As :func:`benchmarks.machine.describe_machine` returns it.
-        rows: All figures of all rounds.
-    """
+    """All figures that a section measured, and on what machine."""
 
     machine: Mapping[str, str | float]
     rows: list[Row]
@@ -58,16 +50,20 @@ class SectionResults:
         wanted = (case, name, figure)
         return {r.round: r.value for r in self.rows if (r.case, r.name, r.figure) == wanted}
 
-    def summary(self, case: str, name: str, figure: str) -> Summary | None:
-        """Sums up a figure; None where it was not measured."""
-        values = list(self.by_round(case, name, figure).values())
-        return Summary.of(values) if values else None
+    def summary(self, case: str, name: str, figure: str, peer: str | None = None) -> Summary | None:
+        """Sums up a figure, or its ratios to a peer's, each taken within a round.
 
-    def ratio(self, case: str, name: str, peer: str, figure: str) -> Summary | None:
-        """Sums up the ratios of a contestant to another one, each taken within a round."""
-        ours, theirs = self.by_round(case, name, figure), self.by_round(case, peer, figure)
-        ratios = [ours[number] / theirs[number] for number in ours if number in theirs]
-        return Summary.of(ratios) if ratios else None
+        None where it was not measured.
+        """
+        values = self.by_round(case, name, figure)
+        if peer is not None:
+            theirs = self.by_round(case, peer, figure)
+            values = {n: value / theirs[n] for n, value in values.items() if n in theirs}
+        if not values:
+            return None
+        return Summary(
+            float(np.median(list(values.values()))), min(values.values()), max(values.values())
+        )
 
 
 def load_results(path: Path) -> dict[str, SectionResults]:
@@ -92,3 +88,22 @@ def save_results(results: Mapping[str, SectionResults], path: Path) -> None:
         )
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("{\n" + ",\n".join(sections) + "\n}\n", encoding="utf-8")
+
+
+def format_number(value: float) -> str:
+    """Three significant digits or more, and thousands apart."""
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def format_summary(summary: Summary | None, unit: str = "") -> str:
+    """Median, and the lowest and highest in brackets."""
+    if summary is None:
+        return NOT_MEASURED
+    low, high = format_number(summary.low), format_number(summary.high)
+    return f"{format_number(summary.median)}{unit} [{low}, {high}]"
+
+
+def markdown_table(header: list[str], rows: list[list[str]]) -> str:
+    """A table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -6,7 +6,9 @@ taken within a round, is fair; medians over the rounds leave out the odd disturb
 
 from __future__ import annotations
 
+import enum
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -16,10 +18,48 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.builds import Build, worker_environment
+from fbrl.allocator import environment_with_tcmalloc, reason_against_tcmalloc
+
+REPOSITORY = Path(__file__).parent.parent
+DEFAULT_ENGINE = REPOSITORY / "build" / "default-engine"
+"""gfootball as pip compiles it, where ``scripts/setup.sh --default-engine`` puts it."""
+
+_SETTINGS = ("OMP_WAIT_POLICY", "LD_PRELOAD", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 TIMEOUT = 900
 """Seconds after which a worker is given up."""
+
+
+class Build(enum.Enum):
+    """An engine and the way in which a program runs on it."""
+
+    FBRL = "fbrl"
+    """The engine that fbrl's set-up builds, run as fbrl's commands run it: with tcmalloc where it
+    is installed, and with threads of PyTorch that don't spin while they wait."""
+
+    DEFAULT = "default"
+    """The engine as pip builds it by default, run as any Python program."""
+
+    @property
+    def is_there(self) -> bool:
+        """Whether a worker could run on it."""
+        return self is Build.FBRL or DEFAULT_ENGINE.is_dir()
+
+
+def worker_environment(build: Build) -> dict[str, str]:
+    """The environment variables of a worker: the user's, without what decides on speed."""
+    environment = {name: value for name, value in os.environ.items() if name not in _SETTINGS}
+    # A worker on the one build may have another one on the other.
+    paths = environment.get("PYTHONPATH", "").split(os.pathsep)
+    paths = [path for path in paths if path and path != str(DEFAULT_ENGINE)]
+    if build is Build.DEFAULT:
+        paths = [str(DEFAULT_ENGINE), *paths]
+    environment["PYTHONPATH"] = os.pathsep.join(paths)
+    if build is Build.FBRL:
+        environment["OMP_WAIT_POLICY"] = "PASSIVE"
+        if reason_against_tcmalloc(environment) is None:
+            environment = environment_with_tcmalloc(environment)
+    return environment
 
 
 class WorkerError(RuntimeError):
@@ -65,11 +105,8 @@ def run_rounds(
 ) -> Iterator[Row]:
     """Runs all contestants in turn, ``repeats`` times over.
 
-    Each function gets the number of the round as its ``seed``, so that all contestants of a
-    round have the same work.
-
-    Raises:
-        WorkerError: A measurement failed.
+    Each function gets the number of the round, from 1 on, as its ``seed``, so that all contestants
+    of a round have the same work.
     """
     turns = [
         (number, contestant)
@@ -107,7 +144,7 @@ def run_worker(contestant: Contestant, seed: int) -> dict[str, Any]:
                 [sys.executable, "-m", "benchmarks.worker", str(result)],
                 input=json.dumps(request),
                 env=worker_environment(contestant.build),
-                cwd=Path(__file__).parent.parent,
+                cwd=REPOSITORY,
                 capture_output=True,
                 text=True,
                 timeout=TIMEOUT,

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from benchmarks.builds import Build
-from benchmarks.measure_vectorisation import VECTORISATIONS
-from benchmarks.rounds import Contestant
+from benchmarks.measure_collection import VECTORISATIONS
+from benchmarks.rounds import Build, Contestant
 
 THREE_VS_ONE = "academy_3_vs_1_with_keeper"
 COUNTERATTACK = "academy_counterattack_hard"
@@ -39,39 +38,28 @@ TRAINING_MEMORY, STORED_FRAME = "fbrl-train, 8 matches, CNN", "stored frame"
 
 @dataclass(frozen=True)
 class Scale:
-    """How much is measured.
-
-    Attributes:
-        seconds: Of stepping, in each measurement of a rate.
-        scenarios: Of the sections on the engine and the environment.
-        training_scenarios: Of the section on training.
-        num_envs: Numbers of matches of the section on vectorisation.
-        cnn_steps: Steps of each match in a batch of the CNN.
-        mlp_steps: Likewise, of the MLP.
-        iterations: Of a training, the first of which is left out.
-        memory_arguments: Of the ``fbrl-train`` whose memory is measured.
-        device: Of the networks.
-    """
+    """How much is measured."""
 
     seconds: float
+    """Of stepping, in each measurement of a rate."""
     scenarios: tuple[str, ...]
-    training_scenarios: tuple[str, ...]
+    """Of the sections on the engine and the environment; training leaves out the full match."""
     num_envs: tuple[int, ...]
+    """Numbers of matches of the section on vectorisation."""
     cnn_steps: int
+    """Steps of each match in a batch."""
     mlp_steps: int
-    iterations: int
     memory_arguments: tuple[str, ...]
+    """Of the ``fbrl-train`` whose memory is measured."""
     device: str = "auto"
 
 
 FULL = Scale(
     seconds=2.0,
     scenarios=(THREE_VS_ONE, COUNTERATTACK, FULL_MATCH),
-    training_scenarios=(THREE_VS_ONE, COUNTERATTACK),
     num_envs=(1, 2, 4, 8, 16),
     cnn_steps=64,
     mlp_steps=128,
-    iterations=2,
     # One whole batch and its updates, and an evaluation, for which there are more matches.
     memory_arguments=("--preset", "thesis", "--total-frames", "4096", "--eval-episodes", "8"),
 )
@@ -80,11 +68,9 @@ _TINY_TRAINING = "--total-frames 64 --num-steps 8 --minibatch-size 32 --eval-epi
 QUICK = Scale(
     seconds=0.2,
     scenarios=(THREE_VS_ONE,),
-    training_scenarios=(THREE_VS_ONE,),
     num_envs=(1, 2),
     cnn_steps=2,
     mlp_steps=4,
-    iterations=2,
     memory_arguments=("--preset", "thesis", *_TINY_TRAINING.split()),
 )
 
@@ -93,17 +79,13 @@ def _engine(scale: Scale) -> list[Contestant]:
     contestants = []
     for scenario in scale.scenarios:
         bare = {"scenario": scenario, "seconds": scale.seconds}
-        function = "benchmarks.measure_engine:bare_engine"
+        engine = "benchmarks.measure_engine:bare_engine"
+        collection = "benchmarks.measure_collection:fbrl_collection"
         contestants += [
-            Contestant(scenario, ENGINE, function, bare),
+            Contestant(scenario, ENGINE, engine, bare),
+            Contestant(scenario, COLLECTION, collection, {**bare, "num_envs": 8}),
             Contestant(
-                scenario,
-                COLLECTION,
-                "benchmarks.measure_training:fbrl_collection",
-                {**bare, "num_envs": 8},
-            ),
-            Contestant(
-                scenario, ENGINE_BY_DEFAULT, function, bare, Build.DEFAULT, first_round_only=True
+                scenario, ENGINE_BY_DEFAULT, engine, bare, Build.DEFAULT, first_round_only=True
             ),
         ]
     return contestants
@@ -125,56 +107,36 @@ _ENVIRONMENTS: list[tuple[str, str, Build, dict[str, object]]] = [
 
 
 def _environment(scale: Scale) -> list[Contestant]:
-    contestants = []
-    for scenario in scale.scenarios:
-        common = {"scenario": scenario, "seconds": scale.seconds}
-        for name, function, build, arguments in _ENVIRONMENTS:
-            contestants.append(
-                Contestant(
-                    scenario,
-                    name,
-                    f"benchmarks.measure_environment:{function}",
-                    {**common, **arguments},
-                    build,
-                    single_core=True,
-                    first_round_only=name.endswith(ON_OUR_ENGINE),
-                )
-            )
-    return contestants
+    return [
+        Contestant(
+            scenario,
+            name,
+            f"benchmarks.measure_environment:{function}",
+            {"scenario": scenario, "seconds": scale.seconds, **arguments},
+            build,
+            single_core=True,
+            first_round_only=name.endswith(ON_OUR_ENGINE),
+        )
+        for scenario in scale.scenarios
+        for name, function, build, arguments in _ENVIRONMENTS
+    ]
 
 
 def _vectorisation(scale: Scale) -> list[Contestant]:
+    function = "benchmarks.measure_collection:collect"
+    common = {"scenario": THREE_VS_ONE, "seconds": scale.seconds}
     return [
-        Contestant(
-            str(num_envs),
-            vectorisation,
-            "benchmarks.measure_vectorisation:collect",
-            {
-                "scenario": THREE_VS_ONE,
-                "vectorisation": vectorisation,
-                "num_envs": num_envs,
-                "seconds": scale.seconds,
-            },
-        )
-        for num_envs in scale.num_envs
-        for vectorisation in VECTORISATIONS
+        Contestant(str(n), name, function, {**common, "vectorisation": name, "num_envs": n})
+        for n in scale.num_envs
+        for name in VECTORISATIONS
     ]
 
 
 def _many_cores(scale: Scale) -> list[Contestant]:
-    function = "benchmarks.measure_many_cores:share_of_sleeping_engines"
+    function = "benchmarks.measure_collection:share_of_sleeping_engines"
+    common = {"matches_per_core": 4, "seconds": scale.seconds}
     return [
-        Contestant(
-            case,
-            FBRL,
-            function,
-            {
-                "cores": cores,
-                "network": network,
-                "matches_per_core": 4,
-                "seconds": scale.seconds,
-            },
-        )
+        Contestant(case, FBRL, function, {**common, "cores": cores, "network": network})
         for case, cores, network in MANY_CORES
     ]
 
@@ -184,7 +146,7 @@ def _training_arguments(scale: Scale, scenario: str, network: str) -> dict[str, 
         "scenario": scenario,
         "network": network,
         "num_steps": scale.cnn_steps if network == "cnn" else scale.mlp_steps,
-        "iterations": scale.iterations,
+        "iterations": 2,  # the first is left out
         "device": scale.device,
     }
 
@@ -197,7 +159,9 @@ def training_case(scenario: str, network: str) -> str:
 def _training(scale: Scale) -> list[Contestant]:
     contestants = []
     peer = "benchmarks.measure_training:stable_baselines3_training"
-    for scenario in scale.training_scenarios:
+    for scenario in scale.scenarios:
+        if scenario == FULL_MATCH:
+            continue
         for network in ("mlp", "cnn"):
             case = training_case(scenario, network)
             arguments = _training_arguments(scale, scenario, network)
@@ -210,11 +174,12 @@ def _training(scale: Scale) -> list[Contestant]:
 
 
 def _time_shares(scale: Scale) -> list[Contestant]:
+    function = "benchmarks.measure_time_shares:time_shares"
     return [
         Contestant(
             training_case(THREE_VS_ONE, network),
             FBRL,
-            "benchmarks.measure_time_shares:time_shares",
+            function,
             _training_arguments(scale, THREE_VS_ONE, network),
         )
         for network in ("mlp", "cnn")
@@ -223,14 +188,11 @@ def _time_shares(scale: Scale) -> list[Contestant]:
 
 def _memory(scale: Scale) -> list[Contestant]:
     scenario = {"scenario": THREE_VS_ONE}
+    training = {**scenario, "arguments": [*scale.memory_arguments, "--device", scale.device]}
+    module = "benchmarks.measure_memory"
     return [
-        Contestant(
-            THREE_VS_ONE,
-            TRAINING_MEMORY,
-            "benchmarks.measure_memory:peak_of_training",
-            {**scenario, "arguments": [*scale.memory_arguments, "--device", scale.device]},
-        ),
-        Contestant(THREE_VS_ONE, STORED_FRAME, "benchmarks.measure_memory:stored_frame", scenario),
+        Contestant(THREE_VS_ONE, TRAINING_MEMORY, f"{module}:peak_of_training", training),
+        Contestant(THREE_VS_ONE, STORED_FRAME, f"{module}:stored_frame", scenario),
     ]
 
 

@@ -12,11 +12,7 @@ from fbrl.models.mlp import MLP
 
 
 class ImpalaFeatures(BaseFeaturesExtractor):
-    """:class:`fbrl.models.impala.ImpalaCNN` on dense planes, in its fast memory layout.
-
-    Args:
-        observation_space: Stacked Super Mini Maps, channels first.
-    """
+    """:class:`fbrl.models.impala.ImpalaCNN` on dense planes, in its fast memory layout."""
 
     def __init__(self, observation_space: spaces.Box) -> None:
         network = ImpalaCNN()
@@ -32,11 +28,7 @@ class ImpalaFeatures(BaseFeaturesExtractor):
 
 
 class MLPFeatures(BaseFeaturesExtractor):
-    """:class:`fbrl.models.mlp.MLP` with two layers of 256.
-
-    Args:
-        observation_space: The vectors of simple115v2.
-    """
+    """:class:`fbrl.models.mlp.MLP` with two layers of 256."""
 
     def __init__(self, observation_space: spaces.Box) -> None:
         network = MLP((observation_space.shape[-1],), (256, 256), "relu")

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks import sections
-from benchmarks.markdown import format_number, format_summary, markdown_table
 from benchmarks.measure_time_shares import OTHER
-from benchmarks.results import SectionResults
-from benchmarks.sections import FRAMES, RESETS, STEPS
+from benchmarks.results import (
+    SectionResults,
+    format_number,
+    format_summary,
+    markdown_table,
+)
+from benchmarks.sections import FBRL, FRAMES, PEER, RESETS, STEPS
 from benchmarks.targets import targets_table
 
 PEERS = {
@@ -22,6 +27,9 @@ PEERS = {
     sections.SIMPLE115V2 + sections.ON_OUR_ENGINE: sections.SIMPLE115V2,
 }
 """What each environment is compared with."""
+
+Column = tuple[str, str, str] | tuple[str, str, str, str]
+"""A heading, and what is below it: a contestant's figure, perhaps divided by a peer's."""
 
 
 def write_page(results: Mapping[str, SectionResults], page: Path) -> None:
@@ -51,110 +59,72 @@ def _caption(result: SectionResults) -> str:
     )
 
 
-def _engine(result: SectionResults) -> str:
-    ours, default = sections.ENGINE, sections.ENGINE_BY_DEFAULT
+def _by_case(result: SectionResults, first: str, columns: Sequence[Column]) -> str:
+    """A row for each case, and a figure of it for each column."""
     rows = [
-        [
-            case,
-            format_summary(result.summary(case, ours, STEPS)),
-            format_summary(result.summary(case, ours, RESETS)),
-            format_summary(result.summary(case, ours, FRAMES)),
-            format_summary(result.ratio(case, ours, default, FRAMES)),
-            format_summary(result.summary(case, sections.COLLECTION, FRAMES)),
-            format_summary(result.ratio(case, sections.COLLECTION, ours, FRAMES)),
-        ]
+        [case, *(format_summary(result.summary(case, *figure)) for _, *figure in columns)]
         for case in result.cases
     ]
-    header = [
-        "scenario",
-        "bare engine, steps/s",
-        "resets/s",
-        "frames/s, resets included",
-        "times the default build",
-        "collection with the MLP, frames/s",
-        "share of the bare engine",
+    return markdown_table([first, *(heading for heading, *_ in columns)], rows)
+
+
+def _engine(result: SectionResults) -> str:
+    ours, collection = sections.ENGINE, sections.COLLECTION
+    columns: list[Column] = [
+        ("bare engine, steps/s", ours, STEPS),
+        ("resets/s", ours, RESETS),
+        ("frames/s, resets included", ours, FRAMES),
+        ("times the default build", ours, FRAMES, sections.ENGINE_BY_DEFAULT),
+        ("collection with the MLP, frames/s", collection, FRAMES),
+        ("share of the bare engine", collection, FRAMES, ours),
     ]
-    return markdown_table(header, rows)
+    return _by_case(result, "scenario", columns)
 
 
 def _environment(result: SectionResults) -> str:
-    rows = [
-        [
-            case,
-            name,
-            format_summary(result.summary(case, name, STEPS)),
-            format_summary(result.summary(case, name, RESETS)),
-            PEERS.get(name, "-"),
-            format_summary(result.ratio(case, name, PEERS[name], STEPS)) if name in PEERS else "-",
-        ]
-        for case in result.cases
-        for name in result.names
-    ]
-    header = [
-        "scenario",
-        "environment",
-        "steps/s",
-        "resets/s",
-        "compared with",
-        "times its steps/s",
-    ]
-    return markdown_table(header, rows)
+    rows = []
+    for case, name in itertools.product(result.cases, result.names):
+        peer = PEERS.get(name)
+        steps = format_summary(result.summary(case, name, STEPS))
+        resets = format_summary(result.summary(case, name, RESETS))
+        times = format_summary(result.summary(case, name, STEPS, peer)) if peer else "-"
+        rows.append([case, name, steps, resets, peer or "-", times])
+    header = ["scenario", "environment", "steps/s", "resets/s", "compared with"]
+    return markdown_table([*header, "times its steps/s"], rows)
 
 
 def _vectorisation(result: SectionResults) -> str:
-    rows = [
-        [case, *(format_summary(result.summary(case, name, FRAMES)) for name in result.names)]
-        for case in result.cases
-    ]
-    return markdown_table(["matches", *(f"{name}, frames/s" for name in result.names)], rows)
+    columns: list[Column] = [(f"{name}, frames/s", name, FRAMES) for name in result.names]
+    return _by_case(result, "matches", columns)
 
 
 def _many_cores(result: SectionResults) -> str:
-    rows = [
-        [
-            case,
-            format_summary(result.summary(case, sections.FBRL, FRAMES)),
-            format_summary(result.summary(case, sections.FBRL, sections.SHARE)),
-        ]
-        for case in result.cases
+    columns: list[Column] = [
+        ("frames/s", FBRL, FRAMES),
+        ("share of the engines alone", FBRL, sections.SHARE),
     ]
-    return markdown_table(["cores", "frames/s", "share of the engines alone"], rows)
+    return _by_case(result, "cores", columns)
 
 
 def _training(result: SectionResults) -> str:
-    fbrl, peer = sections.FBRL, sections.PEER
-    on_ours = peer + sections.ON_OUR_ENGINE
-    rows = [
-        [
-            case,
-            format_summary(result.summary(case, fbrl, FRAMES)),
-            format_summary(result.summary(case, peer, FRAMES)),
-            format_summary(result.ratio(case, fbrl, peer, FRAMES)),
-            format_summary(result.summary(case, on_ours, FRAMES)),
-            format_summary(result.ratio(case, fbrl, on_ours, FRAMES)),
-        ]
-        for case in result.cases
+    on_ours = PEER + sections.ON_OUR_ENGINE
+    columns: list[Column] = [
+        ("fbrl, frames/s", FBRL, FRAMES),
+        (f"{PEER}, frames/s", PEER, FRAMES),
+        ("fbrl is faster by", FBRL, FRAMES, PEER),
+        (f"{on_ours}, frames/s", on_ours, FRAMES),
+        ("fbrl is faster by", FBRL, FRAMES, on_ours),
     ]
-    header = [
-        "training",
-        "fbrl, frames/s",
-        f"{peer}, frames/s",
-        "fbrl is faster by",
-        f"{on_ours}, frames/s",
-        "fbrl is faster by",
-    ]
-    return markdown_table(header, rows)
+    return _by_case(result, "training", columns)
 
 
 def mean_shares(result: SectionResults, case: str) -> dict[str, float]:
     """Mean share of each part in percent; unlike medians, means add up to 100."""
-    parts = dict.fromkeys(row.figure for row in result.rows if row.case == case)
-    means = {
-        part: float(np.mean(list(result.by_round(case, sections.FBRL, part).values())))
-        for part in parts
+    parts = list(dict.fromkeys(row.figure for row in result.rows if row.case == case))
+    return {
+        part: float(np.mean(list(result.by_round(case, FBRL, part).values())))
+        for part in parts[: parts.index(OTHER) + 1]
     }
-    last = list(means).index(OTHER)
-    return dict(list(means.items())[: last + 1])
 
 
 def _time_shares(result: SectionResults) -> str:

@@ -7,27 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from benchmarks import sections
-from benchmarks.markdown import NOT_MEASURED, format_summary, markdown_table
 from benchmarks.measure_time_shares import REWARD_OF_COLLECTION
-from benchmarks.results import SectionResults, Summary
+from benchmarks.results import NOT_MEASURED, SectionResults, Summary, format_summary, markdown_table
 from benchmarks.sections import COUNTERATTACK, FRAMES, FULL_MATCH, STEPS, THREE_VS_ONE
 
 
 @dataclass(frozen=True)
 class Target:
-    """A bound on a figure of a contestant, or on its ratio to a peer's.
-
-    Attributes:
-        what: Is measured.
-        section: Where it is measured.
-        case: In which case.
-        name: Of which contestant.
-        figure: Of its figures.
-        at_least: The least that is allowed.
-        at_most: The most, where that is what is asked for.
-        peer: The contestant to divide by.
-        unit: Of the figure.
-    """
+    """A bound on a figure of a contestant, or on its ratio to a peer's."""
 
     what: str
     section: str
@@ -50,10 +37,7 @@ class Target:
         """What the figure came to; None where it was not measured."""
         if self.section not in results:
             return None
-        result = results[self.section]
-        if self.peer is None:
-            return result.summary(self.case, self.name, self.figure)
-        return result.ratio(self.case, self.name, self.peer, self.figure)
+        return results[self.section].summary(self.case, self.name, self.figure, self.peer)
 
     def is_met_by(self, summary: Summary) -> bool:
         """Whether the median keeps the bound."""

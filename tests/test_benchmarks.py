@@ -18,12 +18,20 @@ from tensordict import TensorDict
 
 from benchmarks import sections
 from benchmarks.__main__ import main
-from benchmarks.builds import DEFAULT_ENGINE, Build, worker_environment
 from benchmarks.measure_engine import _replay, random_actions, record_episodes, start_engine
 from benchmarks.measure_time_shares import OTHER, REWARD_OF_COLLECTION, Stopwatch, time_shares
 from benchmarks.measure_training import training_config
 from benchmarks.results import SectionResults, load_results, save_results
-from benchmarks.rounds import Contestant, Row, WorkerError, run_rounds, run_worker
+from benchmarks.rounds import (
+    DEFAULT_ENGINE,
+    Build,
+    Contestant,
+    Row,
+    WorkerError,
+    run_rounds,
+    run_worker,
+    worker_environment,
+)
 from benchmarks.sections import FRAMES, QUICK, SECTIONS, STEPS, THREE_VS_ONE
 from benchmarks.stable_baselines3_network import ImpalaFeatures, MLPFeatures
 from benchmarks.tables import TABLES, write_page
@@ -238,10 +246,10 @@ def test_ratios_are_taken_within_a_round():
         ("case", "peer", 1, FRAMES, 10.0),
         ("case", "ours", 2, FRAMES, 5.0),
     )
-    ratio = slowing_down.ratio("case", "ours", "peer", FRAMES)
+    ratio = slowing_down.summary("case", "ours", FRAMES, "peer")
     assert (ratio.median, ratio.low, ratio.high) == (3, 3, 3)
     assert slowing_down.summary("case", "ours", FRAMES).median == 30
-    assert slowing_down.ratio("case", "ours", "nobody", FRAMES) is None
+    assert slowing_down.summary("case", "ours", FRAMES, "nobody") is None
 
 
 def test_results_are_read_as_they_were_written(tmp_path):

@@ -40,7 +40,7 @@ FINEST_GRID = 1001
 
 
 class PositionFit(NamedTuple):
-    """One fitted density, with the bandwidth and error that :class:`DensityMetadata` gives."""
+    """One fitted density, with the bandwidth and error that its metadata gives."""
 
     density: PositionDensity
     bandwidth: float

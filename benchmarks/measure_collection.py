@@ -1,4 +1,10 @@
-"""Collection of experience with a small network, by several ways to step many matches."""
+"""Collection of experience with a small network: alone, vectorised in several ways, on many cores.
+
+Many cores are more than there are: an engine that sleeps leaves the real ones to the rest. What a
+step would compute takes no core, only its time. So as many threads as are asked for behave as so
+many cores, except that what is left to do, Python, the network and waking the threads, has to share
+the few real ones.
+"""
 
 from __future__ import annotations
 
@@ -13,21 +19,23 @@ VECTORISATIONS = ("threads", "MultiSyncCollector", "ParallelEnv", "AsyncVectorEn
 
 _STEPS_PER_BATCH = 16
 
+STEP_SECONDS, SPREAD = 0.002, 0.001
+"""A step sleeps between 1 and 3 ms, as engines take."""
+
+RESET_SECONDS, STEPS_PER_RESET = 0.0015, 100
+"""One step in so many takes longer, by the time of a reset."""
+
+GPU_SECONDS = 0.001
+"""What a network on a GPU takes to answer, with transfers."""
+
 
 def collect(
     scenario: str, vectorisation: str, num_envs: int, seconds: float, seed: int
 ) -> dict[str, float]:
     """Collects with the light preset's network, its observation and the analytics reward.
 
-    Args:
-        scenario: What is played.
-        vectorisation: One of :data:`VECTORISATIONS`.
-        num_envs: Number of matches.
-        seconds: How long to collect, after the first batch.
-        seed: Seeds the network.
-
     Returns:
-        ``frames_per_second``, resets of matches included.
+        ``frames_per_second`` after the first batch, resets of matches included.
     """
     import torch
 
@@ -70,6 +78,76 @@ def frames_per_second(collect_batch: Callable[[], Any], seconds: float) -> float
     return frames / (time.perf_counter() - started)
 
 
+def fbrl_collection(scenario: str, num_envs: int, seconds: float, seed: int) -> dict[str, float]:
+    """Collects as a training of the preset light does, without learning.
+
+    Returns:
+        ``frames_per_second`` after the first batch, resets of matches included.
+    """
+    import torch
+
+    from fbrl.assembly import make_model
+    from fbrl.collect import MatchCollector
+    from fbrl.presets import preset_config
+
+    torch.manual_seed(seed)
+    config = preset_config("light", scenario)
+    collector = MatchCollector(
+        scenario,
+        make_model(config, torch.device("cpu")).get_collection_policy(),
+        num_envs=num_envs,
+        reward=config.reward,
+        observation=config.observation,
+        seed=seed,
+    )
+    rate = frames_per_second(collector.collect, seconds)
+    collector.close()
+    return {"frames_per_second": rate}
+
+
+def share_of_sleeping_engines(
+    cores: int, network: str, matches_per_core: int, seconds: float, seed: int
+) -> dict[str, float]:
+    """Collects with the preset light's network, or one that sleeps as if it were on a GPU.
+
+    ``cores`` is the number of threads whose steps sleep, and ``network`` ``"mlp"`` or ``"gpu"``.
+
+    Returns:
+        ``frames_per_second``, and their ``share`` of what the threads could do asleep alone.
+    """
+    import torch
+
+    from fbrl.collect import MatchCollector
+    from fbrl.envs.engine import load_gfootball
+    from fbrl.models.actor_critic import build_actor_critic
+
+    torch.manual_seed(seed)
+    policy = build_actor_critic("simple115").get_collection_policy()
+    if network == "gpu":
+        policy.trunk.register_forward_hook(lambda *_: time.sleep(GPU_SECONDS))
+    collector = MatchCollector(
+        "academy_3_vs_1_with_keeper",
+        policy,
+        num_envs=matches_per_core * cores,
+        num_steps=64,
+        num_threads=cores,
+        seed=seed,
+    )
+    collector.reset()
+    sleep: Any = load_gfootball().engine.Disturbance(
+        "sleep",
+        seconds=STEP_SECONDS,
+        spread=SPREAD,
+        reset_seconds=RESET_SECONDS,
+        steps_per_reset=STEPS_PER_RESET,
+    )
+    collector.disturb(sleep)
+    rate = frames_per_second(collector.collect, seconds)
+    collector.close()
+    bare = cores / (STEP_SECONDS + RESET_SECONDS / STEPS_PER_RESET)
+    return {"frames_per_second": rate, "share": rate / bare}
+
+
 def _make_multi_sync_collector(scenario: str, num_envs: int, model: Any) -> Any:
     from torchrl.collectors import MultiSyncCollector
 
@@ -109,8 +187,4 @@ def _make_matches(scenario: str, vectorisation: str, num_envs: int, keys: list[s
         return wrap(make_one())
     if vectorisation == "AsyncVectorEnv":
         return wrap(AsyncVectorEnv([make_one] * num_envs, autoreset_mode=AutoresetMode.DISABLED))
-    return ParallelEnv(num_envs, functools.partial(_wrapped, wrap, make_one))
-
-
-def _wrapped(wrap: Any, make_one: Any) -> Any:
-    return wrap(make_one())
+    return ParallelEnv(num_envs, lambda: wrap(make_one()))
