@@ -64,37 +64,38 @@ class OpenData:
 
     def competitions(self) -> list[dict[str, Any]]:
         """All seasons of all competitions that are published."""
-        config, entities = _statsbombpy()
-        listed = self._get(config.OPEN_DATA_PATHS["competitions"], entities.competitions)
-        return list(listed.values())
+        return list(self._get("competitions").values())
 
     def match_ids(self, season: Season) -> list[int]:
         """The numbers of a season's matches."""
-        config, entities = _statsbombpy()
-        address = config.OPEN_DATA_PATHS["matches"].format(
-            competition_id=season.competition_id, season_id=season.season_id
-        )
-        return [int(match_id) for match_id in self._get(address, entities.matches)]
+        numbers = {"competition_id": season.competition_id, "season_id": season.season_id}
+        return [int(match_id) for match_id in self._get("matches", **numbers)]
 
     def passes(self, match_id: int) -> list[Pass]:
         """The passes of a match that led to shots."""
-        config, entities = _statsbombpy()
-        address = config.OPEN_DATA_PATHS["events"].format(match_id=match_id)
-        events = self._get(address, lambda listed: entities.events(listed, match_id))
+        events = self._get("events", match_id, match_id=match_id)
         if not events:
-            raise NotPublishedError(f"{address} holds no events yet.")
+            raise NotPublishedError(f"Match {match_id} has no events yet.")
         return passes_of_match(events.values(), match_id)
 
-    def _get(self, address: str, parse: Callable[[list[Any]], dict[Any, Any]]) -> dict[Any, Any]:
+    def _get(self, kind: str, *arguments: int, **numbers: int) -> dict[Any, Any]:
+        """A file of a kind, as statsbombpy's parser of that name, with its arguments, reads it."""
+        try:
+            # Not `statsbombpy.sb`: importing it makes every later request of the process go through
+            # a cache on disk, of whole events.
+            from statsbombpy import config, entities
+        except ImportError as error:
+            raise MissingExtraError("Downloads", ["statsbombpy"], "density") from error
         import requests
 
+        address = config.OPEN_DATA_PATHS[kind].format(**numbers)
         for attempt in range(1, self.attempts + 1):
             try:
                 response = requests.get(address, timeout=self.timeout)
                 if response.status_code == 404:
                     raise NotPublishedError(f"{address} is not there (404).")
                 response.raise_for_status()
-                return parse(response.json())
+                return getattr(entities, kind)(response.json(), *arguments)
             # An answer that is cut off may still parse, as something else.
             except (requests.RequestException, ValueError, KeyError, TypeError) as error:
                 answer = getattr(error, "response", None)
@@ -103,16 +104,6 @@ class OpenData:
                     raise _as_statsbomb_error(address, error, attempt) from error
                 time.sleep(self.backoff * 2 ** (attempt - 1))
         raise ValueError(f"attempts is {self.attempts}; it must be at least 1.")
-
-
-def _statsbombpy() -> tuple[Any, Any]:
-    try:
-        # Not `statsbombpy.sb`: importing it makes every later request of the process go through
-        # a cache on disk, of whole events.
-        from statsbombpy import config, entities
-    except ImportError as error:
-        raise MissingExtraError("Downloads", ["statsbombpy"], "density") from error
-    return config, entities
 
 
 def _as_statsbomb_error(address: str, error: Exception, attempts: int) -> StatsBombError:
