@@ -36,6 +36,10 @@ def save_checkpoint(path: Path, *, keep_as: Path | None = None, **content: Any) 
         keep_as: Where the file that is replaced goes; by default it is deleted.
         content: Tensors, numbers, strings, and lists and dictionaries of them; a ``TypeError`` for
             anything else, which could not be read back.
+
+    Raises:
+        TypeError: There is something else in it, which could not be read back.
+        OSError: The file can't be written.
     """
     # On a full disk torch.save itself would raise a RuntimeError about its own archive.
     whole = io.BytesIO()

@@ -25,6 +25,7 @@ import fbrl.models.actor_critic
 import fbrl.models.collection_policy
 import fbrl.models.impala
 import fbrl.models.mlp
+import fbrl.models.player_set
 from fbrl.models import MLP, ActorCritic, ImpalaCNN, build_actor_critic
 from fbrl.models.impala import max_pool_same
 from fbrl.transforms import PLAYERS_FEATURES, MiniMapCells, Simple115, SuperMiniMap
@@ -361,6 +362,7 @@ def test_parameters_are_created_on_the_device_asked_for(observation):
         fbrl.models.actor_critic,
         fbrl.models.impala,
         fbrl.models.mlp,
+        fbrl.models.player_set,
         fbrl.models.collection_policy,
     ],
 )

@@ -61,6 +61,10 @@ class MatchCollector(BatchCollector):
             :class:`~fbrl.envs.matches.MidwayStarts`. Batches then have ``begun_midway`` under
             ``"next"``, bool (num_envs, num_steps).
 
+    Raises:
+        ValueError: A name is unknown, or a number out of range.
+        EngineNotInstalledError: gfootball is missing.
+
     Examples:
         >>> from fbrl.models.actor_critic import build_actor_critic
         >>> policy = build_actor_critic("simple115").get_collection_policy()

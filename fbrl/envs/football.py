@@ -90,7 +90,11 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode; ``seed`` is in [0, 2**32 - 1], and there are no options."""
+        """Starts an episode; ``seed`` is in [0, 2**32 - 1], and there are no options.
+
+        Raises:
+            ValueError: The seed is out of range, or there are options.
+        """
         check_options(options, ())
         engine_seed = None if seed is None else check_seed(seed)
         super().reset(seed=engine_seed)
@@ -138,6 +142,9 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         """The state of the running match, and of what the next ones begin with.
 
         Numbers, strings and bytes; 30 to 80 KB. A ``RuntimeError`` if no match is running.
+
+        Raises:
+            RuntimeError: The episode has not begun or has ended, or the environment is closed.
         """
         return {
             "match": dataclasses.asdict(self._matches.get_state(0)),
@@ -185,6 +192,9 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
 
         Returns:
             Red, green and blue, uint8 (height, width, 3); ``None`` without a render mode.
+
+        Raises:
+            RenderingError: The engine can't draw (view 3d).
         """
         if self.render_mode is None:
             return None

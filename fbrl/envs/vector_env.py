@@ -197,6 +197,9 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         Args:
             choose_start: Given the engine seed with which an episode would begin, returns a state
                 of an earlier episode of this scenario in which it is to begin, or None.
+
+        Raises:
+            RuntimeError: A match has not begun or has ended.
         """
         self._check_running("begin_from()")
         self._choose_start = choose_start
@@ -204,7 +207,11 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             self._prepare_next(index)
 
     def match_states(self) -> list[MatchState]:
-        """The state of each match, which has to be running."""
+        """The state of each match, which has to be running.
+
+        Raises:
+            RuntimeError: A match has not begun or has ended.
+        """
         self._check_running("get_state()")
         return [self._matches.get_state(index) for index in range(self.num_envs)]
 
@@ -226,6 +233,9 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         """The state of each match, which has to be running, and of its next episodes' seeds.
 
         Numbers, strings and bytes; 30 to 80 KB for each match.
+
+        Raises:
+            RuntimeError: A match has not begun or has ended.
         """
         return [
             {

@@ -122,12 +122,12 @@ def play(
     Args:
         evaluated: Who plays.
         scenario: Where.
-        episodes: As for :func:`fbrl.evaluation.evaluation.evaluate`.
+        episodes: How many matches at least, see :func:`fbrl.evaluation.evaluation.play_matches`.
         seed: Of the matches, see :func:`fbrl.run_seeds.fresh_seed`, and of the sampled actions.
         num_envs: Matches at a time.
-        greedy: As there, like the rest.
-        device: As there.
-        on_progress: As there.
+        greedy: Take the most probable action instead of sampling.
+        device: Where the policy runs.
+        on_progress: Called with the number of matches finished so far.
 
     Raises:
         EngineNotInstalledError: gfootball is missing.

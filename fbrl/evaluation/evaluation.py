@@ -91,7 +91,7 @@ def evaluate(
     on_progress: Callable[[int], None] | None = None,
     on_step: Callable[[TensorDictBase, torch.Tensor], None] | None = None,
 ) -> Evaluation:
-    """Plays matches to their end, as :func:`play_matches`, whose errors it raises.
+    """Plays matches to their end, see :func:`play_matches`.
 
     Args:
         env: A vectorised environment of :func:`fbrl.envs.make_env`, seeded by the caller.
@@ -101,6 +101,10 @@ def evaluate(
         device: Where the policy runs.
         on_progress: Called with the number of matches finished so far.
         on_step: Called with what :func:`play_matches` yields.
+
+    Raises:
+        ValueError: No match is asked for, or the actions are none.
+        TypeError: The number of matches is no integer, or the environment or the policy is none.
     """
     figures: list[dict[str, float]] = []
     for following, counted in play_matches(env, policy, episodes, greedy=greedy, device=device):

@@ -2,7 +2,8 @@
 
 from fbrl.models.actor_critic import ActorCritic, CollectionPolicy, build_actor_critic
 from fbrl.models.impala import ImpalaCNN
-from fbrl.models.mlp import MLP, PlayerSet
+from fbrl.models.mlp import MLP
+from fbrl.models.player_set import PlayerSet
 
 __all__ = [
     "MLP",

@@ -39,6 +39,9 @@ class ImpalaCNN(nn.Module):
         num_features: size of the output.
         device: where the parameters live.
 
+    Raises:
+        ValueError: It is another shape.
+
     Examples:
         >>> import torch
         >>> network = ImpalaCNN()
@@ -72,7 +75,11 @@ class ImpalaCNN(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Maps cells, planes or pictures of any batch shape to ``(*batch, num_features)``."""
+        """Maps cells, planes or pictures of any batch shape to ``(*batch, num_features)``.
+
+        Raises:
+            ValueError: They are of another shape or dtype.
+        """
         first, *others = cast("Iterable[_Stage]", self.stages)
         pooled, batch = self._convolve_and_pool(first.conv, observation)
         features = first.residual(pooled)

@@ -25,8 +25,13 @@ class EngineActionMask(RawObservationTransform):
     - release direction, release sprint and release dribble while there is nothing to release.
 
     So three of the 19 actions are masked in each state, and nothing that can be reached is lost.
-    Whether the engine heeds a kick or a slide depends on what no observation shows
-    (``humancontroller.cpp``), so that these are never masked.
+
+    Other actions are said to do nothing in some states, but whether the engine heeds a kick or a
+    slide depends on what no observation shows, and changes within a step (``humancontroller.cpp``).
+    In 3,569 states of six scenarios, each gone on from with every action: kicks made a difference
+    in 86 % of the states in which an opponent had the ball and in 88 % of those in which nobody had
+    it and it was further than 0.03 away, since the engine keeps them for when the player gets it;
+    another kick right after one in 9 %; sliding with the ball at one's feet in 2 %.
 
     For a policy that reads the mask see :func:`fbrl.models.build_actor_critic`; TorchRL's
     ``ActionMask``, put after this one, makes random actions heed it.
@@ -34,6 +39,9 @@ class EngineActionMask(RawObservationTransform):
     Args:
         in_keys: where to find the raw observations, in the order of :attr:`fields`.
         out_keys: where to write the mask.
+
+    Raises:
+        ValueError: if there are more or fewer keys than these.
 
     Examples:
         >>> import torch
@@ -86,6 +94,9 @@ class ExpertActionMask(EngineActionMask):
         mask_idle: whether idle is masked. TiZero: it is.
         in_keys: as in :class:`EngineActionMask`.
         out_keys: likewise.
+
+    Raises:
+        ValueError: if there are more or fewer keys than these.
 
     Examples:
         >>> import torch

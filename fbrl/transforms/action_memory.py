@@ -34,6 +34,9 @@ class ActionMemory(MemoryTransform):
         in_keys: where to find the action, an index of gfootball's default action set.
         out_keys: where to write the memory.
 
+    Raises:
+        ValueError: if there are more or fewer keys than one.
+
     Examples:
         >>> import torch
         >>> from fbrl.envs import make_env

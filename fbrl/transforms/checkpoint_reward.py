@@ -37,6 +37,10 @@ class CheckpointReward(ShapedReward):
     Args:
         keys: as for :class:`~fbrl.transforms.AssistDensityReward`.
 
+    Raises:
+        ValueError: if one of them is not an entry of this transform.
+        TypeError: if a name is neither a text nor a tuple.
+
     Examples:
         >>> import torch
         >>> from tensordict import TensorDict

@@ -50,6 +50,10 @@ class MiniMapCells(MemoryTransform):
             ``left_team_roles`` and ``right_team_roles``, in this order.
         out_keys: where to write the cells.
 
+    Raises:
+        ValueError: if there are fewer frames than one, or more or fewer keys than these.
+        TypeError: if ``num_frames`` is no integer.
+
     Examples:
         >>> import torch
         >>> from tensordict import TensorDict

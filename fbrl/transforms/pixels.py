@@ -56,6 +56,10 @@ class Pixels(RawObservationTransform):
         in_keys: where to find the raw observations, in the order of :attr:`fields`.
         out_keys: where to write the picture.
 
+    Raises:
+        ValueError: if a side is out of range, or there are more or fewer keys than these.
+        TypeError: if a side is no integer.
+
     Examples:
         >>> from fbrl.envs import make_env
         >>> env = make_env("academy_corner", num_envs=2, observation=Pixels(), seed=0)

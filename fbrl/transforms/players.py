@@ -78,6 +78,9 @@ class Players(RawObservationTransform):
             :class:`ActionMemory` writes it before, in the order of :attr:`fields`.
         out_keys: where to write the vector.
 
+    Raises:
+        ValueError: if there are more or fewer keys than these.
+
     Examples:
         >>> from fbrl.envs import make_env
         >>> env = make_env("academy_empty_goal", num_envs=2, observation="players", seed=0)
