@@ -10,7 +10,6 @@ import torch
 from tensordict import TensorDict
 
 from fbrl.models import MLP, ImpalaCNN, build_actor_critic
-from fbrl.models.cell_convolution import convolve_and_pool_cells
 from fbrl.transforms import (
     AssistDensityReward,
     CheckpointReward,
@@ -203,7 +202,7 @@ def test_cells_that_are_none_are_refused(cells):
 def test_a_cell_beyond_the_grid_is_refused_where_it_would_be_drawn_into_another_channel():
     cells = torch.full((1, 4, 24), 72 * 96, dtype=torch.int16)
     with pytest.raises(ValueError, match=r"A cell is 6912; cells must be in \[-1, 6911\]"):
-        convolve_and_pool_cells(cells, torch.ones(2, 16, 3, 3), torch.zeros(2))
+        cells_to_planes(cells)
 
 
 @pytest.mark.parametrize(

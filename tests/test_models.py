@@ -146,6 +146,29 @@ def test_the_memory_layout_changes_neither_features_nor_gradients():
         torch.testing.assert_close(one.grad, other.grad, rtol=1e-3, atol=1e-4)
 
 
+def test_bfloat16_comes_close_to_float32_in_features_and_gradients():
+    exact, mixed = ImpalaCNN(), ImpalaCNN(precision="bfloat16")
+    mixed.load_state_dict(exact.state_dict())
+    cells = random_cells(16)
+    outputs = [network(cells) for network in (exact, mixed)]
+    assert outputs[1].dtype == torch.float32
+    assert not torch.equal(*outputs)
+    torch.testing.assert_close(*outputs, rtol=0.05, atol=0.01)
+    for output in outputs:
+        output.square().mean().backward()
+    gradients = [
+        torch.cat([parameter.grad.flatten() for parameter in network.parameters()])
+        for network in (exact, mixed)
+    ]
+    assert gradients[1].dtype == torch.float32
+    assert torch.cosine_similarity(*gradients, dim=0) > 0.99
+
+
+def test_another_precision_is_refused():
+    with pytest.raises(ValueError, match=r"precision is 'float16'.*'float32', 'bfloat16'"):
+        ImpalaCNN(precision="float16")
+
+
 @pytest.mark.parametrize("num_frames", [1, 2])
 def test_the_number_of_stacked_frames_can_be_chosen(num_frames):
     model = build_actor_critic(MiniMapCells(num_frames))

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import contextlib
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import cast
+from typing import Literal, get_args
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from fbrl.checks.counts import check_count
-from fbrl.models.cell_convolution import convolve_and_pool_cells
 from fbrl.transforms.minimap_grid import (
     CELLS_PER_FRAME,
     SMM_HEIGHT,
@@ -19,6 +19,8 @@ from fbrl.transforms.minimap_grid import (
     SMM_WIDTH,
     cells_to_planes,
 )
+
+Precision = Literal["float32", "bfloat16"]
 
 
 class ImpalaCNN(nn.Module):
@@ -30,17 +32,19 @@ class ImpalaCNN(nn.Module):
     normal distribution of standard deviation ``1 / sqrt(fan_in)`` truncated at two of them, and
     biases of zero.
 
-    Minimap cells are drawn as planes on a GPU and convolved without them on a CPU; the output is
-    the same as that of the planes.
+    Minimap cells are drawn as planes first, on the device. In bfloat16, PyTorch's mixed precision,
+    parameters and features stay what they are and what lies between takes half the memory; on
+    CPUs with AMX and on GPUs it takes about half the time. Others compute it more slowly.
 
     Args:
         observation_shape: of what is read: cells (frames, 24), int16; planes (4 * frames, 72, 96)
             or a picture (3, height, width), uint8.
         num_features: size of the output.
+        precision: ``"float32"`` or ``"bfloat16"``.
         device: where the parameters live.
 
     Raises:
-        ValueError: It is another shape.
+        ValueError: It is another shape, or the precision is unknown.
 
     Examples:
         >>> import torch
@@ -54,9 +58,15 @@ class ImpalaCNN(nn.Module):
         self,
         observation_shape: Sequence[int] = (4, CELLS_PER_FRAME),
         num_features: int = 256,
+        precision: Precision = "float32",
         device: torch.device | str | None = None,
     ) -> None:
         super().__init__()
+        if precision not in get_args(Precision):
+            raise ValueError(
+                f"precision is {precision!r}; it must be one of {get_args(Precision)}."
+            )
+        self.is_mixed = precision == "bfloat16"
         self.plane_shape = _plane_shape(tuple(observation_shape))
         # Of the mini maps that such planes are drawn from; pictures are drawn from none.
         num_frames, without = divmod(self.plane_shape[0], len(SMM_LAYERS))
@@ -80,27 +90,23 @@ class ImpalaCNN(nn.Module):
         Raises:
             ValueError: They are of another shape or dtype.
         """
-        first, *others = cast("Iterable[_Stage]", self.stages)
-        pooled, batch = self._convolve_and_pool(first.conv, observation)
-        features = first.residual(pooled)
-        for stage in others:
-            features = stage(features)
-        features = F.relu(features, inplace=True).flatten(1)
-        return F.relu(self.linear(features), inplace=True).view(*batch, self.num_features)
+        mixed = torch.autocast(observation.device.type, torch.bfloat16) if self.is_mixed else None
+        with mixed or contextlib.nullcontext():
+            planes, batch = self._planes(observation)
+            features = F.relu(self.stages(planes), inplace=True).flatten(1)
+            features = F.relu(self.linear(features), inplace=True)
+        return features.to(self.linear.weight.dtype).view(*batch, self.num_features)
 
-    def _convolve_and_pool(self, conv: nn.Conv2d, observation: Tensor) -> tuple[Tensor, torch.Size]:
-        """What the first convolution and pooling make, and the batch shape of the observation."""
-        shape, dtype = observation.shape, conv.weight.dtype
+    def _planes(self, observation: Tensor) -> tuple[Tensor, torch.Size]:
+        """Planes or pictures in [0, 1], (n, channels, height, width), and their batch shape."""
+        shape = observation.shape
+        dtype = torch.bfloat16 if self.is_mixed else self.linear.weight.dtype
         if observation.dtype == torch.int16 and shape[-2:] == self.cell_shape:
             cells = observation.reshape(-1, *shape[-2:])
-            if cells.device.type == "cpu" and conv.bias is not None:
-                return convolve_and_pool_cells(cells, conv.weight, conv.bias), shape[:-2]
-            planes = cells_to_planes(cells, dtype, channels_last=True)
-            return max_pool_same(conv(planes)), shape[:-2]
+            return cells_to_planes(cells, dtype, channels_last=True), shape[:-2]
         if observation.dtype == torch.uint8 and shape[-3:] == self.plane_shape:
             planes = observation.reshape(-1, *self.plane_shape)
-            planes = planes.to(dtype, memory_format=torch.channels_last).div_(255)
-            return max_pool_same(conv(planes)), shape[:-3]
+            return planes.to(dtype, memory_format=torch.channels_last).div_(255), shape[:-3]
         raise ValueError(
             f"ImpalaCNN: the observation is {observation.dtype} of shape {tuple(shape)}, but must "
             f"be torch.uint8 of shape (*batch, {', '.join(map(str, self.plane_shape))}), or, for "
@@ -116,10 +122,7 @@ class _Stage(nn.Module):
         self.residual_2 = _ResidualBlock(num_out, device)
 
     def forward(self, x: Tensor) -> Tensor:
-        return self.residual(max_pool_same(self.conv(x)))
-
-    def residual(self, x: Tensor) -> Tensor:
-        return self.residual_2(self.residual_1(x))
+        return self.residual_2(self.residual_1(max_pool_same(self.conv(x))))
 
 
 class _ResidualBlock(nn.Module):

@@ -78,8 +78,8 @@ def cells_to_planes(
         Planes of shape ``(*batch, frames * 4, 72, 96)``.
 
     Raises:
-        ValueError: if they are of another shape or dtype. That they are in [-1, 6911] is not
-            checked, which would make a GPU wait.
+        ValueError: if they are of another shape or dtype; on a CPU, if one is above 6911, which a
+            GPU would have to wait for.
 
     Examples:
         >>> cells = torch.full((2, 4, 24), -1, dtype=torch.int16)
@@ -97,12 +97,14 @@ def cells_to_planes(
             f"cells_to_planes: cells are {cells.dtype} of shape {tuple(cells.shape)}, but must be "
             f"torch.int16 of shape (*batch, frames, {CELLS_PER_FRAME}). MiniMapCells makes them."
         )
+    if cells.device.type == "cpu" and cells.numel() and (highest := int(cells.max())) >= NUM_CELLS:
+        raise ValueError(f"A cell is {highest}; cells must be in [-1, {NUM_CELLS - 1}].")
     batch, frames = cells.shape[:-2], cells.shape[-2]
     channels = frames * len(SMM_LAYERS)
     size = batch.numel() * channels * NUM_CELLS
     flat_cells = cells.reshape(-1, frames, CELLS_PER_FRAME)
     sample = torch.arange(batch.numel(), device=cells.device)[:, None, None]
-    channel = channels_of_cells(frames, cells.device)
+    channel = _channels(frames, cells.device)
     if channels_last:
         index = (sample * NUM_CELLS + flat_cells) * channels + channel
     else:
@@ -128,7 +130,7 @@ def _grid(device: torch.device) -> tuple[Tensor, ...]:
 
 
 @lru_cache
-def channels_of_cells(frames: int, device: torch.device) -> Tensor:
-    """The channel of :func:`cells_to_planes` that each cell is drawn in, shape (frames, 24)."""
+def _channels(frames: int, device: torch.device) -> Tensor:
+    """The channel that each cell is drawn in, shape (frames, 24)."""
     layers = torch.tensor(_LAYER_OF_CELL, device=device)
     return torch.arange(frames, device=device)[:, None] * len(SMM_LAYERS) + layers
