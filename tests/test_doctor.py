@@ -17,8 +17,17 @@ from conftest import needs_engine
 
 from fbrl import doctor
 from fbrl.cli.doctor import main
-from fbrl.doctor import CHECKS, RENDERING, Check, CheckError, CheckResult, run_check
-from fbrl.doctor.checks import check_engine, check_packages, check_rendering
+from fbrl.doctor import (
+    CHECKS,
+    RENDERING,
+    Check,
+    CheckError,
+    CheckResult,
+    check_engine,
+    check_packages,
+    check_rendering,
+    run_check,
+)
 
 CHECK = {check.name: check for check in CHECKS}
 COMMAND = [sys.executable, "-c", "import sys; from fbrl.cli.doctor import main; sys.exit(main())"]

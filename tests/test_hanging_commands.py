@@ -15,7 +15,7 @@ pytestmark = [needs_engine, pytest.mark.slow]
 # The third step never returns; a timeout in place of the command's own.
 HANGING = """
 import importlib, sys
-from fbrl.cli import playing
+from fbrl.config import TrainConfig
 from fbrl.envs.engine import load_gfootball
 from fbrl.envs.matches import Matches
 
@@ -30,7 +30,7 @@ def hanging_step(self, matches, actions):
     step(self, matches, actions)
 
 Matches.step = hanging_step
-playing.HANG_TIMEOUT = float(timeout)
+TrainConfig.hang_timeout = float(timeout)
 importlib.import_module(f"fbrl.cli.{program}").main(arguments)
 """
 PLAYED = {
@@ -92,9 +92,9 @@ def test_a_signal_ends_a_command_that_hangs_in_seconds(program, number, hang, tm
 
 DEAF = """
 import time
-from fbrl.cli import errors, signals
+from fbrl.cli import errors
 
-signals.SECONDS_TO_TIDY_UP = 0.5
+errors.SECONDS_TO_TIDY_UP = 0.5
 with errors.ending_when_interrupted("fbrl-deaf"):
     while True:
         try:

@@ -107,7 +107,7 @@ class TestCurves:
             (["a0", "a0", "--out", "c.png"], "both seed 0"),
             (["a0", "b0", "--label", "one", "--out", "c.png"], "1 labels for 2 .*analytics; sc"),
             (["a0", "--smooth", "0", "--out", "c.png"], r"0 is not in \[1, "),
-            (["a0", "--tolerance", "-1", "--out", "c.png"], "-1 is not at least 0"),
+            (["a0", "--tolerance", "-1", "--out", "c.png"], "-1 is not a finite number of"),
             (["a0", "--threshold", "nan", "--out", "c.png"], "nan is not a finite number"),
             (["a0", "--tolerance", "0.1", "--out", "c.png"], "--tolerance .*--threshold"),
             (["a0", "--out", "c.jpg"], r"c\.jpg: a picture's name must end in \.png or \.svg"),

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from fbrl.cli import eval_display, watch_display
-from fbrl.cli.eval_display import EvaluationProgress
-from fbrl.cli.progress import ProgressDisplay
-from fbrl.cli.watch_display import WatchDisplay
+from fbrl.cli.eval import matches_shown
+from fbrl.cli.outputs import ProgressDisplay
 
 
 @pytest.fixture(autouse=True)
@@ -18,38 +16,36 @@ def no_terminal(monkeypatch):
 
 def test_lines_come_now_and_then_and_on_standard_error(capsys):
     with ProgressDisplay(seconds_between_lines=0.0) as display:
-        display.line("[one] of two")
-    assert capsys.readouterr() == ("", "[one] of two\n")
+        display.show("[one]", 1, 2, "[matches]")
+    assert capsys.readouterr() == ("", "[one]: 1/2 [matches]\n")
     with ProgressDisplay(seconds_between_lines=1000.0) as display:
-        display.line("one")
+        display.show("one", 1, 2, "matches")
     assert capsys.readouterr() == ("", "")
 
 
 def test_a_terminal_has_a_bar_in_their_place(capsys, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     with ProgressDisplay(seconds_between_lines=0.0) as display:
-        display.line("one")
-    assert "one" not in capsys.readouterr().err
+        display.show("one", 1, 2, "matches")
+    assert "one: " not in capsys.readouterr().err
 
 
-def test_an_evaluation_tells_its_matches_and_steps(capsys, monkeypatch):
-    monkeypatch.setattr(eval_display, "SECONDS_BETWEEN_LINES", 0.0)
-    with EvaluationProgress(8) as progress:
-        show = progress.of("idle in academy_corner")
+def test_an_evaluation_tells_its_matches_and_steps(capsys):
+    with ProgressDisplay(seconds_between_lines=0.0) as display:
+        show = matches_shown(display, "idle in academy_corner", 8)
         show(0)
         show(2)
     assert capsys.readouterr().err.splitlines() == [
-        "idle in academy_corner, 1 steps each: 0/8 matches",
-        "idle in academy_corner, 2 steps each: 2/8 matches",
+        "idle in academy_corner: 0/8 matches, 1 steps each",
+        "idle in academy_corner: 2/8 matches, 2 steps each",
     ]
 
 
-def test_a_video_tells_what_is_played_and_what_is_drawn(capsys, monkeypatch):
-    monkeypatch.setattr(watch_display, "SECONDS_BETWEEN_LINES", 0.0)
-    with WatchDisplay() as display:
-        display.playing(1, 20)
-        display.drawing(2, 5, 30)
+def test_a_video_tells_what_is_played_and_what_is_drawn(capsys):
+    with ProgressDisplay(seconds_between_lines=0.0) as display:
+        display.show("playing match 2", 20, None, "steps")
+        display.show("drawing match 2", 5, 30, "frames")
     assert capsys.readouterr().err.splitlines() == [
-        "playing match 2: step 20",
-        "drawing match 2: frame 5/30",
+        "playing match 2: 20 steps",
+        "drawing match 2: 5/30 frames",
     ]

@@ -17,7 +17,7 @@ import PIL.Image
 import pytest
 from conftest import REPOSITORY
 
-from fbrl.cli.train_display import tensorboard_command
+from fbrl.cli.train import tensorboard_command
 from fbrl.config import PPOConfig, TrainConfig
 from fbrl.monitor import BALL_POSITIONS, IMAGES, MATCH_VIDEO, SCALARS
 from fbrl.training.trainer import train

@@ -22,8 +22,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from fbrl.assembly import make_model
 from fbrl.checkpoint import load_checkpoint
-from fbrl.cli.train import main
-from fbrl.cli.train_display import TrainDisplay
+from fbrl.cli.train import TrainDisplay, main
 from fbrl.config import PPOConfig, TrainConfig
 from fbrl.config_json import config_from_dict
 from fbrl.envs import make_env

@@ -20,9 +20,9 @@ from fbrl.cli.watch import main
 from fbrl.density import AssistDensity
 from fbrl.drawing.match_picture import BALL_COLOUR, CONTROLLED_COLOUR, LEFT_COLOUR
 from fbrl.envs.engine import load_gfootball
-from fbrl.watch.captions import CAPTION_SECONDS
 from fbrl.watch.pitch_view import PitchView
 from fbrl.watch.replay_file import load_replay, save_replay
+from fbrl.watch.views import CAPTION_SECONDS
 
 SCENARIO = "academy_empty_goal_close"
 SHOOT = 12

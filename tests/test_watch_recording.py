@@ -13,7 +13,7 @@ from watching import SCENARIO, SHORT_PASS, SHOT, pass_and_shoot, random_player, 
 from fbrl.checks.names import UnknownNameError
 from fbrl.envs.engine import FIRST_EPISODE
 from fbrl.envs.matches import Matches
-from fbrl.watch.pass_lines import completed_passes
+from fbrl.watch.pitch_view import completed_passes
 from fbrl.watch.recording import RECORDED_KEYS, record_matches
 
 

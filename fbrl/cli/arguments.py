@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import math
+from sys import float_info
+from typing import Any
 
 from fbrl.components import ConfigError, import_modules
 
@@ -35,39 +36,28 @@ def _imported(name: str) -> str:
     return name
 
 
-def positive_integer(text: str) -> int:
-    """An integer of at least 1, of things that can be counted up to."""
-    value = int(text)
-    if not 1 <= value <= LARGEST_COUNT:
-        raise argparse.ArgumentTypeError(f"{value} is not in [1, {LARGEST_COUNT:,}]")
-    return value
+def number_in(kind: type, low: float, high: float, range_: str, name: str = "") -> Any:
+    """A function that reads a number of a range, for argparse's ``type``.
+
+    Args:
+        kind: ``int`` or ``float``.
+        low: The least.
+        high: The greatest.
+        range_: What argparse says that another number is not.
+        name: What it calls a text that is no number at all; "integer" or "number" by default.
+    """
+
+    def read(text: str) -> Any:
+        value = kind(text)
+        if not low <= value <= high:  # as NaN isn't
+            raise argparse.ArgumentTypeError(f"{text} is not {range_}")
+        return value
+
+    read.__name__ = name or {int: "integer", float: "number"}[kind]
+    return read
 
 
-def seed(text: str) -> int:
-    """An integer that the engine takes as a seed."""
-    value = int(text)
-    if not 0 <= value < 2**32:
-        raise argparse.ArgumentTypeError(f"{value} is not in [0, 2**32 - 1]")
-    return value
-
-
-def finite_number(text: str) -> float:
-    """A number that is neither infinite nor NaN."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} is not a finite number")
-    return value
-
-
-def number_from_zero(text: str) -> float:
-    """A finite number of at least 0."""
-    value = finite_number(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text} is not at least 0")
-    return value
-
-
-# argparse puts these names into what it says of a text that is no number at all.
-positive_integer.__name__ = "integer"
-seed.__name__ = "seed"
-finite_number.__name__ = number_from_zero.__name__ = "number"
+positive_integer = number_in(int, 1, LARGEST_COUNT, f"in [1, {LARGEST_COUNT:,}]")
+seed = number_in(int, 0, 2**32 - 1, "in [0, 2**32 - 1]", "seed")
+finite_number = number_in(float, -float_info.max, float_info.max, "a finite number")
+number_from_zero = number_in(float, 0, float_info.max, "a finite number of at least 0")

@@ -7,18 +7,17 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 # As in fbrl.cli.train: waiting threads must not take the cores from the matches.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from fbrl.cli.density_common import DENSITY_PROGRAM, add_density, print_counts
-from fbrl.cli.density_options import add_fit_options, add_pass_options, pass_filter
-from fbrl.cli.density_plot import add_plot
-from fbrl.cli.density_source import read_passes
-from fbrl.cli.errors import Parser
+from fbrl.cli.density_passes import add_pass_options, print_counts, read_passes
+from fbrl.cli.density_plot import PROGRAM, add_density, add_plot
+from fbrl.cli.errors import Parser, add_command, run_command
 from fbrl.cli.outputs import check_outputs, console
-from fbrl.cli.subcommands import add_command, run_command
+from fbrl.density.fit import COARSEST_GRID, FINEST_GRID, PEAK_END, PEAK_START
+from fbrl.density.kde import BandwidthRule
 
 if TYPE_CHECKING:
     from fbrl.density import AssistDensity
@@ -48,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog=DENSITY_PROGRAM, description=_DESCRIPTION)
+    parser = Parser(prog=PROGRAM, description=_DESCRIPTION)
     commands = parser.add_subparsers(metavar="{fit,plot,info}", required=True)
     _add_fit(commands)
     add_plot(commands)
@@ -61,10 +60,42 @@ def _parser() -> argparse.ArgumentParser:
 def _add_fit(commands: Any) -> None:
     fit = add_command(commands, "fit", _fit, "fit a pair of densities", _FIT)
     add_pass_options(fit)
-    add_fit_options(fit)
-    fit.add_argument(
-        "--out", type=Path, default=DEFAULT_OUT, help="density file to write (default: %(default)s)"
+    add = fit.add_argument_group("density").add_argument
+    add(
+        "--bandwidth",
+        type=_bandwidth,
+        default="thesis",
+        metavar="RULE",
+        help=f"{', '.join(get_args(BandwidthRule))}, or a number",
     )
+    add(
+        "--metres",
+        action="store_true",
+        help="kernels round in metres, and a number in metres, not in pitch units "
+        "(one is 54.4 m along x, 83.6 m along y)",
+    )
+    add(
+        "--grid",
+        type=int,
+        metavar="COLUMNS",
+        help=f"grid nodes along x, {COARSEST_GRID} to {FINEST_GRID} (default: enough for an error "
+        "of at most 0.5 %% of the peak)",
+    )
+    add("--peak-start", type=float, default=PEAK_START, help="highest start density (%(default)s)")
+    add("--peak-end", type=float, default=PEAK_END, help="highest end density (%(default)s)")
+    add("--mirror", action="store_true", help="average with the left-right mirror image")
+    fit.add_argument("--out", type=Path, default=DEFAULT_OUT, help="density file to write")
+
+
+def _bandwidth(text: str) -> BandwidthRule | float:
+    if text in get_args(BandwidthRule):
+        return text  # type: ignore[return-value]  # one of its names
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is none of {', '.join(get_args(BandwidthRule))}, and no number"
+        ) from None
 
 
 def _fit(options: argparse.Namespace) -> None:
@@ -72,7 +103,7 @@ def _fit(options: argparse.Namespace) -> None:
     from fbrl.density.passes import starts_and_ends
 
     check_outputs(options.out)
-    reading = read_passes(options, pass_filter(options))
+    reading = read_passes(options)
     print_counts(reading)
     starts, ends = starts_and_ends(reading.rows)
     density = fit_assist_density(

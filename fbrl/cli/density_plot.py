@@ -6,24 +6,23 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from fbrl.allocator import preload_tcmalloc
 from fbrl.cli.arguments import add_import, positive_integer, seed
-from fbrl.cli.density_common import DENSITY_PROGRAM, add_density, print_counts
-from fbrl.cli.density_options import add_pass_options, pass_filter
-from fbrl.cli.density_source import read_passes
+from fbrl.cli.density_passes import add_pass_options, print_counts, read_passes
+from fbrl.cli.errors import add_command, playing
 from fbrl.cli.outputs import (
+    ProgressDisplay,
     add_figure_option,
     check_figure_outputs,
     console,
     write_figure,
 )
-from fbrl.cli.subcommands import add_command
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+PROGRAM = "fbrl-density"
 
 _PLOT = """\
 Draw a picture, as PNG or SVG by the name's ending; several names give several files. Examples:
@@ -53,6 +52,7 @@ def add_plot(commands: Any) -> None:
     agent = add_command(
         kinds, "agent", _plot_agent, "draw where an agent has had the ball, next to the densities"
     )
+    add = agent.add_argument
     played = agent.add_mutually_exclusive_group(required=True)
     played.add_argument(
         "--run",
@@ -64,27 +64,36 @@ def add_plot(commands: Any) -> None:
         type=Path,
         help="CSV table with the columns x and y in pitch units: where the agent had the ball",
     )
-    agent.add_argument(
+    add(
         "--episodes",
         type=positive_integer,
         default=100,
-        help="matches to play, rounded up to 2 for each of 8 at a time (default: %(default)s)",
+        help="matches to play, rounded up to 2 for each of 8 at a time",
     )
     add_import(agent)
-    agent.add_argument("--seed", type=seed, default=0, help="of the matches (default: %(default)s)")
-    agent.add_argument("--save-positions", type=Path, help="keep what --run saw in such a table")
-    agent.add_argument("--title", help="what to write above the agent's picture")
-    agent.add_argument(
-        "--density", default="default", help="densities to show (default: those that fbrl ships)"
-    )
+    add("--seed", type=seed, default=0, help="of the matches")
+    add("--save-positions", type=Path, help="keep what --run saw in such a table")
+    add("--title", help="what to write above the agent's picture")
+    add("--density", default="default", help="densities to show (default: those that fbrl ships)")
     add_figure_option(agent)
+
+
+def add_density(parser: argparse.ArgumentParser) -> None:
+    """Adds the positional argument that names a density."""
+    parser.add_argument(
+        "density",
+        nargs="?",
+        default="default",
+        metavar="DENSITY",
+        help="density file, or default, uniform, mirrored or shuffled",
+    )
 
 
 def _plot_passes(options: argparse.Namespace) -> None:
     from fbrl.figures.pitch import passes_figure
 
     check_figure_outputs(options)
-    reading = read_passes(options, pass_filter(options))
+    reading = read_passes(options)
     if not reading.rows:
         raise ValueError(f"No pass is left to draw ({reading.description}). Use a wider filter.")
     source = options.source or " and ".join(reading.counts)
@@ -104,42 +113,36 @@ def _plot_densities(options: argparse.Namespace) -> None:
 def _plot_agent(options: argparse.Namespace) -> None:
     if options.run is not None:
         # First of all, as it starts the program anew.
-        preload_tcmalloc(DENSITY_PROGRAM)
-    saved = [options.save_positions] if options.save_positions is not None else []
-    check_figure_outputs(options, *saved)
-    if options.positions is not None and saved:
+        preload_tcmalloc(PROGRAM)
+    check_figure_outputs(options, options.save_positions)
+    if options.positions is not None and options.save_positions is not None:
         raise ValueError("--save-positions is for what --run sees, not for --positions.")
     from fbrl.density import open_density
     from fbrl.figures.pitch import agent_figure, check_installed
+    from fbrl.figures.positions import read_positions
 
     check_installed()  # before the matches
     density = open_density(options.density)
-    positions = _read_positions(options) if options.run is None else _play(options)
+    title = "Where the agent has the ball"
     if options.run is None:
-        title = "Where the agent has the ball"
+        positions = read_positions(options.positions)
     else:
-        title = f"Where the agent has the ball, {options.episodes} matches"
+        positions = _play(options)
+        title += f", {options.episodes} matches"
     write_figure(options, agent_figure(positions, density, options.title or title))
     console().print(f"{len(positions)} steps with the ball")
 
 
-def _read_positions(options: argparse.Namespace) -> NDArray[np.float64]:
-    from fbrl.figures.positions import read_positions
-
-    return read_positions(options.positions)
-
-
 def _play(options: argparse.Namespace) -> NDArray[np.float64]:
-    from fbrl.cli.playing import playing
     from fbrl.evaluation.possession import ball_positions
     from fbrl.figures.positions import write_positions
 
-    with playing(DENSITY_PROGRAM), Console(stderr=True).status("Playing") as status:
+    with playing(PROGRAM), ProgressDisplay() as display:
         positions = ball_positions(
             options.run,
             options.episodes,
             seed=options.seed,
-            on_progress=lambda done: status.update(f"Playing: {done} of {options.episodes}"),
+            on_progress=lambda done: display.show("Playing", done, options.episodes, "matches"),
         )
     if not len(positions):
         raise ValueError(f"The agent of {options.run} never had the ball in these matches.")

@@ -29,14 +29,7 @@ _COLOURS = {"ok": "green", "warn": "yellow", "fail": "bold red"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the checks and prints what they found.
-
-    Args:
-        arguments: Command-line arguments; those of the process by default.
-
-    Returns:
-        The exit status.
-    """
+    """Runs the checks, prints what they found, and returns the exit status."""
     with ending_when_interrupted(PROGRAM):
         return _check(_parser().parse_args(arguments))
 
@@ -82,7 +75,5 @@ def _print_table(results: Iterable[CheckResult], works: bool) -> None:
         colour = _COLOURS[result.status]
         table.add_row(result.name, f"[{colour}]{result.status}[/{colour}]", detail)
     console.print(table)
-    if works:
-        console.print("Everything that training needs works.")
-    else:
-        console.print("Something that training needs fails: see the remedies above.")
+    fails = "Something that training needs fails: see the remedies above."
+    console.print("Everything that training needs works." if works else fails)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,9 +24,9 @@ from fbrl.cli.arguments import (
     positive_integer,
     seed,
 )
-from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted
-from fbrl.cli.eval_display import EvaluationProgress, print_report
-from fbrl.cli.outputs import check_outputs
+from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted, playing
+from fbrl.cli.eval_report import print_report
+from fbrl.cli.outputs import ProgressDisplay, check_outputs
 from fbrl.files.atomic_write import atomic_write
 from fbrl.files.csv_table import write_csv_table
 from fbrl.policy_names import MODES, POLICIES
@@ -35,6 +36,7 @@ from fbrl.scenarios import SCENARIO_GROUPS, expand_scenarios
 if TYPE_CHECKING:
     import torch
 
+    from fbrl.analysis.seed_statistics import Estimate
     from fbrl.evaluation.comparison import EvaluatedPolicy, Row
 
 PROGRAM = "fbrl-eval"
@@ -77,7 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _parser() -> Parser:
     parser = Parser(prog=PROGRAM, description=_DESCRIPTION, epilog=_EPILOG)
-    parser.add_argument(
+    add = parser.add_argument
+    add(
         "runs",
         type=Path,
         nargs="*",
@@ -85,7 +88,7 @@ def _parser() -> Parser:
         help="directory of a run, whose latest checkpoint is taken, a checkpoint, or "
         "pretrained:NAME, an agent that fbrl brings along: " + ", ".join(pretrained_names()),
     )
-    parser.add_argument(
+    add(
         "--policy",
         action="append",
         default=[],
@@ -93,53 +96,48 @@ def _parser() -> Parser:
         help="also play with this policy, may be repeated: random actions, no action, or the "
         "engine's own player",
     )
-    parser.add_argument(
+    add(
         "--scenario",
         action="append",
         help="scenario or group to play, may be repeated (default: what the runs were trained on)",
     )
-    parser.add_argument(
+    add(
         "--episodes",
         type=positive_integer,
         default=1000,
-        help="matches per scenario and mode, rounded up to 2 per place (default: %(default)s)",
+        help="matches per scenario and mode, rounded up to 2 per place",
     )
-    parser.add_argument(
+    add(
         "--mode",
         choices=(*MODES, "both"),
         default="sample",
-        help="sample the actions, take the most probable ones, or both (default: %(default)s)",
+        help="sample the actions, take the most probable ones, or both",
     )
-    parser.add_argument("--seed", type=seed, default=0, help="default: %(default)s")
-    parser.add_argument(
-        "--num-envs",
-        type=positive_integer,
-        default=8,
-        help="places, the matches played at a time (default: %(default)s)",
-    )
+    add("--seed", type=seed, default=0, help="default: %(default)s")
+    add("--num-envs", type=positive_integer, default=8, help="places, the matches played at a time")
     add_import(parser)
-    parser.add_argument("--device", default="auto", help="auto, cpu, cuda (default: %(default)s)")
-    parser.add_argument(
+    add("--device", default="auto", help="auto, cpu, cuda")
+    add(
         "--threshold",
         type=finite_number,
         default=0.5,
-        help="goal difference that a training is to reach and keep (default: %(default)s)",
+        help="goal difference that a training is to reach and keep",
     )
-    parser.add_argument(
+    add(
         "--tolerance",
         type=number_from_zero,
         default=DEFAULT_TOLERANCE,
         help="how far it may fall below the threshold afterwards; the mean of 100 matches has a "
-        "standard error of up to 0.05 (default: %(default)s)",
+        "standard error of up to 0.05",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write everything there")
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="write a row for each result")
+    add("--json", type=Path, metavar="FILE", help="write everything there")
+    add("--csv", type=Path, metavar="FILE", help="write a row for each result")
     return parser
 
 
 def _main(options: argparse.Namespace) -> None:
     scenarios = expand_scenarios(options.scenario or ())
-    check_outputs(*(path for path in (options.json, options.csv) if path is not None))
+    check_outputs(options.json, options.csv)
     if not options.runs and not options.policy:
         raise ValueError("Name a run or a checkpoint, or a policy with --policy.")
     if not options.runs and not scenarios:
@@ -166,33 +164,31 @@ def _evaluate(options: argparse.Namespace, scenarios: Sequence[str]) -> dict[str
     training = [training_row(c, options.threshold, options.tolerance) for c in policies]
     results = _play_all(policies, scenarios, options, device)
     pooled = pool_seeds(policies, results)
-    return {
-        "results": results,
-        "training": [row for row in training if row is not None],
-        "seeds": [
-            {
-                "configuration": seeds.label,
-                "mode": seeds.mode,
-                "seeds": seeds.seeds,
-                "scenarios": list(seeds.scenarios),
-                "interquartile_mean": seeds.goal_difference.value,
-                "interquartile_mean_low": seeds.goal_difference.low,
-                "interquartile_mean_high": seeds.goal_difference.high,
-            }
-            for seeds in pooled
-        ],
-        "improvements": [
-            {
-                "configuration": better.label,
-                "over": other.label,
-                "mode": better.mode,
-                "probability": probability.value,
-                "probability_low": probability.low,
-                "probability_high": probability.high,
-            }
-            for better, other, probability in improvements(pooled)
-        ],
-    }
+    seeds = [
+        {
+            "configuration": part.label,
+            "mode": part.mode,
+            "seeds": part.seeds,
+            "scenarios": list(part.scenarios),
+            **_estimate("interquartile_mean", part.goal_difference),
+        }
+        for part in pooled
+    ]
+    better = [
+        {
+            "configuration": one.label,
+            "over": other.label,
+            "mode": one.mode,
+            **_estimate("probability", probability),
+        }
+        for one, other, probability in improvements(pooled)
+    ]
+    training = [row for row in training if row is not None]
+    return {"results": results, "training": training, "seeds": seeds, "improvements": better}
+
+
+def _estimate(name: str, estimate: Estimate) -> dict[str, float | None]:
+    return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
 
 
 def _play_all(
@@ -201,31 +197,42 @@ def _play_all(
     options: argparse.Namespace,
     device: torch.device,
 ) -> list[Row]:
-    from fbrl.cli.playing import playing
     from fbrl.evaluation.comparison import configurations, play, result_row
 
     labels = configurations(policies)
     modes = MODES if options.mode == "both" else (options.mode,)
-    trained_on = [c.config.scenario for c in policies if c.config is not None]
-    everywhere = scenarios or list(dict.fromkeys(trained_on))
+    trained_on = dict.fromkeys(c.config.scenario for c in policies if c.config is not None)
+    num_envs = min(options.num_envs, math.ceil(options.episodes / 2))
     rows = []
-    with playing(PROGRAM), EvaluationProgress(options.episodes) as progress:
+    with playing(PROGRAM), ProgressDisplay(seconds_between_lines=30.0) as display:
         for evaluated in policies:
-            own = [evaluated.config.scenario] if evaluated.config is not None else everywhere
+            own = trained_on if evaluated.config is None else [evaluated.config.scenario]
             for scenario in scenarios or own:
-                for mode in modes if evaluated.config is not None else modes[:1]:
+                what = f"{evaluated.name} in {scenario}"
+                for mode in modes[:1] if evaluated.config is None else modes:
                     evaluation = play(
                         evaluated,
                         scenario,
                         episodes=options.episodes,
                         seed=options.seed,
-                        num_envs=min(options.num_envs, math.ceil(options.episodes / 2)),
+                        num_envs=num_envs,
                         greedy=mode == "greedy",
                         device=device,
-                        on_progress=progress.of(f"{evaluated.name} in {scenario}"),
+                        on_progress=matches_shown(display, what, options.episodes),
                     )
                     label = labels.get(evaluated.name)
-                    rows.append(
-                        result_row(evaluated, label, scenario, mode, options.seed, evaluation)
-                    )
+                    row = result_row(evaluated, label, scenario, mode, options.seed, evaluation)
+                    rows.append(row)
     return rows
+
+
+def matches_shown(display: ProgressDisplay, what: str, episodes: int) -> Callable[[int], None]:
+    """Shows the matches of an evaluation that are over, called with them after each step."""
+    steps = itertools.count(1)
+
+    def show(done: int) -> None:
+        # Matches of 3000 steps end minutes apart, and nearly all at once.
+        status = f"matches, {next(steps):,} steps each"
+        display.show(what, min(done, episodes), episodes, status)
+
+    return show

@@ -1,32 +1,105 @@
-"""What commands print and write: checked before long work, figures saved after it."""
+"""What commands print and write: plain lines, progress, files that are checked before long work."""
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-def console() -> Console:
-    """Standard output, where names and paths are printed as they are."""
-    return Console(highlight=False, soft_wrap=True, markup=False)
+Display = TypeVar("Display", bound="ProgressDisplay")
 
 
-def check_outputs(*paths: Path) -> None:
-    """Refuses, before minutes of work, paths that cannot be written to after it.
+def console(*, stderr: bool = False) -> Console:
+    """Standard output, or error, where names and paths are printed as they are."""
+    return Console(stderr=stderr, highlight=False, soft_wrap=True, markup=False, emoji=False)
+
+
+class ProgressDisplay:
+    """A bar on a terminal for what is done at the moment, a line now and then elsewhere.
+
+    It is on standard error unless another screen is given.
+    """
+
+    def __init__(
+        self, screen: Console | None = None, *, seconds_between_lines: float = 15.0
+    ) -> None:
+        self.screen = screen or console(stderr=True)
+        self._seconds_between_lines = seconds_between_lines
+        self._last_line = time.monotonic()
+        self._bar = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=30),
+            TextColumn("{task.fields[status]}", markup=False),
+            TimeRemainingColumn(),
+            console=self.screen,
+            transient=True,
+            disable=not self.screen.is_terminal,
+        )
+        self._tasks: dict[str, TaskID] = {}
+        self._shown = ""
+
+    def __enter__(self: Display) -> Display:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Takes the bar off the screen."""
+        self._bar.stop()
+
+    def show(
+        self,
+        what: str,
+        done: int,
+        total: int | None,
+        status: str,
+        *,
+        end_of_line: str = "",
+        always: bool = False,
+    ) -> None:
+        """Shows how far something is, in the place of what was shown before.
+
+        Args:
+            what: What is done; the time left is estimated for each.
+            done: How much of it.
+            total: Of how much; ``None`` if nobody knows.
+            status: The unit, and whatever else there is to say.
+            end_of_line: What a line says and a bar doesn't.
+            always: Print the line in any case.
+        """
+        counted = f"{done:,} {status}" if total is None else f"{done:,}/{total:,} {status}"
+        if what != self._shown and self._shown in self._tasks:
+            self._bar.update(self._tasks[self._shown], visible=False)
+        self._shown = what
+        if what not in self._tasks:
+            self._tasks[what] = self._bar.add_task(what, status="")
+        task = self._tasks[what]
+        self._bar.update(task, completed=done, total=total, status=counted, visible=True)
+        seconds = time.monotonic() - self._last_line
+        if always or (not self.screen.is_terminal and seconds >= self._seconds_between_lines):
+            self._last_line = time.monotonic()
+            self.screen.print(f"{what}: {counted}{end_of_line}")
+
+
+def check_outputs(*paths: Path | None) -> None:
+    """Refuses, before minutes of work, paths that cannot be written to after it; skips ``None``.
 
     Raises:
         ValueError: if a path is a directory or a device, comes twice, or its directory is missing
             or can't be written to.
     """
     seen = set()
-    for path in paths:
+    for path in filter(None, paths):
         if path.is_dir():
             raise ValueError(f"{path} is a directory; give the name of a file.")
         if path.exists() and not path.is_file():
@@ -52,7 +125,7 @@ def add_figure_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_figure_outputs(options: argparse.Namespace, *others: Path) -> None:
+def check_figure_outputs(options: argparse.Namespace, *others: Path | None) -> None:
     """Refuses figures, and other files beside them, that could not be written."""
     from fbrl.figures.files import check_figure_path
 

@@ -58,9 +58,7 @@ def parse_training(program: str, arguments: Sequence[str]) -> TrainConfig:
     with ending_on_bad_input(program):
         names = _names(program, arguments)
         check_name("preset", names.preset, PRESETS)
-        given = {
-            kind: getattr(names, kind) for kind in COMPONENTS if getattr(names, kind) is not None
-        }
+        given = {kind: name for kind in COMPONENTS if (name := getattr(names, kind)) is not None}
         import_modules(filter(None, map(module_of, given.values())))
         # The scenario decides between the rows of the thesis's table, so it is read first.
         scenario = _parse(program, arguments, names.preset, "", given).scenario
@@ -75,7 +73,8 @@ def _parse(
     """Parses with the defaults of a preset and the options of the components that are given."""
     config = dataclasses.replace(preset_config(preset, scenario), **given)
     components = list(config.components())
-    options: list[Any] = [_field("preset", str, "Where the defaults come from.", preset, PRESETS)]
+    about = f"Where the defaults come from. {_explained(PRESETS)}."
+    options: list[Any] = [_annotated("preset", str, about, preset, "|".join(PRESETS))]
     options.append(_modules_field())
     texts = _texts(TrainConfig)
     for entry in dataclasses.fields(TrainConfig):
@@ -99,11 +98,8 @@ def _parse(
             description=DESCRIPTION,
             config=(tyro.conf.PositionalRequiredArgs,),
         )
-    values = {
-        f.name: getattr(parsed, f.name)
-        for f in dataclasses.fields(config)
-        if hasattr(parsed, f.name)
-    }
+    fields = [f.name for f in dataclasses.fields(config)]
+    values = {name: getattr(parsed, name) for name in fields if hasattr(parsed, name)}
     for kind, registry, name, _ in components:
         chosen = vars(values[f"{kind}_options"])
         values[f"{kind}_options"] = registry.without_defaults(name, chosen)
@@ -134,7 +130,7 @@ def _parse_changes(
 ) -> dict[str, Any]:
     """Parses with the values of a run as defaults."""
     texts = _texts(PPOConfig) | _texts(TrainConfig)
-    fields = [_field("resume", Path, "The run's directory.", run_dir), _modules_field()]
+    fields = [_annotated("resume", Path, "The run's directory.", run_dir), _modules_field()]
     for name in CHANGEABLE_ON_RESUME:
         default = getattr(config if hasattr(config, name) else config.ppo, name)
         fields.append(_train_field(name, texts[name], default))
@@ -176,45 +172,29 @@ Field = tuple[str, Any, Any]
 
 
 def _train_field(name: str, text: str, default: Any) -> Field:
-    registry = COMPONENTS.get(name)
-    if registry is not None:
-        about = {name: built_in.about for name, built_in in registry.built_in.items()}
-        installed = {name: "installed" for name in registry.names if name not in about}
-        return _field(name, _HINTS[name], text, default, about | installed, "or module:Class")
+    metavar = _VALUES.get(name)
     if name == "logger":
         metavar = f"[{'|'.join(LOGGERS.names)} ...]"
-        return _annotated(name, _HINTS[name], text, default, metavar)
-    return _annotated(name, _HINTS[name], text, default, _VALUES.get(name))
+    elif name in COMPONENTS:
+        registry = COMPONENTS[name]
+        values = {value: built_in.about for value, built_in in registry.built_in.items()}
+        values |= {value: "installed" for value in registry.names if value not in values}
+        text = f"{text} {_explained(values)}; or module:Class."
+        metavar = "|".join([*values, "MODULE:CLASS"])
+    return _annotated(name, _HINTS[name], text, default, metavar)
 
 
-def _field(
-    name: str,
-    hint: Any,
-    text: str,
-    default: Any,
-    values: Mapping[str, str] | None = None,
-    others: str = "",
-) -> Field:
-    """One that takes one of some values, each of which is explained."""
-    if values is None:
-        return _annotated(name, hint, text, default, None)
-    explained = "; ".join(f"{value}: {about}" for value, about in values.items())
-    also = f"; {others}" if others else ""
-    metavar = "|".join([*values, *(["MODULE:CLASS"] if others else [])])
-    return _annotated(name, hint, f"{text} {explained}{also}.", default, metavar)
+def _explained(values: Mapping[str, str]) -> str:
+    return "; ".join(f"{value}: {about}" for value, about in values.items())
 
 
 def _modules_field() -> Field:
-    about = tyro.conf.arg(
-        name="import",
-        metavar="MODULE",
-        help=IMPORT_HELP,
-    )
+    about = tyro.conf.arg(name="import", metavar="MODULE", help=IMPORT_HELP)
     hint = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, about]
     return "modules", hint, dataclasses.field(default=())
 
 
-def _annotated(name: str, hint: Any, text: str, default: Any, metavar: str | None) -> Field:
+def _annotated(name: str, hint: Any, text: str, default: Any, metavar: str | None = None) -> Field:
     about = tyro.conf.arg(help=" ".join(text.split()), metavar=metavar or _metavar(hint))
     return name, Annotated[hint, about], dataclasses.field(default=default)
 
@@ -259,11 +239,7 @@ def _dataclass(kind: Any, texts: Mapping[str, str], defaults: Mapping[str, Any])
 
 def _texts(kind: Any) -> dict[str, str]:
     """What is said of a dataclass's fields below them, or of arguments in a docstring."""
-    below = [
-        part
-        for base in reversed(kind.__mro__)
-        if base is not object
-        for part in parse_from_object(base).meta
-    ]
-    above = parse(kind.__doc__ or "").meta
-    return {part.args[1]: part.description or "" for part in [*above, *below] if len(part.args) > 1}
+    parts = parse(kind.__doc__ or "").meta
+    for base in reversed(kind.__mro__[:-1]):  # without object
+        parts += parse_from_object(base).meta
+    return {part.args[1]: part.description or "" for part in parts if len(part.args) > 1}

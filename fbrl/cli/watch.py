@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import os
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 # As in fbrl.cli.train: waiting threads must not take the cores from the matches.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from fbrl.allocator import preload_tcmalloc
-from fbrl.cli.arguments import add_import, positive_integer, seed
-from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted, fail
-from fbrl.cli.outputs import check_outputs
-from fbrl.cli.watch_display import WatchDisplay
+from fbrl.cli.arguments import add_import, number_in, positive_integer, seed
+from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted, fail, playing
+from fbrl.cli.outputs import ProgressDisplay, check_outputs
 from fbrl.policy_names import MODES, POLICIES
 from fbrl.pretrained import pretrained_names
 from fbrl.scenarios import check_scenario
@@ -63,7 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _parser() -> Parser:
     parser = Parser(prog=PROGRAM, description=_DESCRIPTION, epilog=_EPILOG)
-    parser.add_argument(
+    add = parser.add_argument
+    add(
         "run",
         nargs="?",
         type=Path,
@@ -71,64 +72,56 @@ def _parser() -> Parser:
         help="whose agent plays, or pretrained:NAME, one that fbrl brings along: "
         + ", ".join(pretrained_names()),
     )
-    parser.add_argument(
+    add(
         "--out",
         type=Path,
         default=Path("match.mp4"),
         metavar="FILE",
-        help="video to write, .mp4 or .gif (default: %(default)s)",
+        help="video to write, .mp4 or .gif",
     )
-    parser.add_argument(
+    add(
         "--view",
         choices=tuple(WIDTHS),
         default="2d",
-        help="from above, the engine's own picture, or both side by side (default: %(default)s)",
+        help="from above, the engine's own picture, or both side by side",
     )
-    parser.add_argument(
+    add(
         "--width",
         type=int,
         metavar="PIXELS",
         help=f"of the video, {SMALLEST_WIDTHS['2d']} to {LARGEST_WIDTH}, a multiple of 4 "
         "(default: 960, for 3d 640, for both 1280)",
     )
-    parser.add_argument(
-        "--fps", type=_fps, default=10.0, help="frames a second; 10 is real time (default: 10)"
+    add(
+        "--fps",
+        type=number_in(float, 1, 100, "in [1, 100]"),
+        default=10.0,
+        help="frames a second; 10 is real time (default: 10)",
     )
 
-    played = parser.add_argument_group("matches that are played")
-    played.add_argument("--episodes", type=positive_integer, help="how many (default: 1)")
-    played.add_argument(
+    add_played = parser.add_argument_group("matches that are played").add_argument
+    add_played("--episodes", type=positive_integer, help="how many (default: 1)")
+    add_played(
         "--only",
         choices=["goals"],
         help="leave out matches without a goal of either side; at most "
         f"{TRIES_PER_GOAL} are played for each one wanted",
     )
-    played.add_argument("--scenario", help="default: the one trained on")
-    played.add_argument(
+    add_played("--scenario", help="default: the one trained on")
+    add_played(
         "--mode",
         choices=MODES,
         help="sample the actions, or take the most probable ones (default: sample)",
     )
-    played.add_argument("--seed", type=seed, help="of the matches and actions (default: 0)")
+    add_played("--seed", type=seed, help="of the matches and actions (default: 0)")
     add_import(parser)
-    played.add_argument("--device", help="auto, cpu, cuda (default: auto)")
-    played.add_argument(
-        "--policy", choices=POLICIES, help="instead of an agent; asks for --scenario"
-    )
-    played.add_argument(
+    add_played("--device", help="auto, cpu, cuda (default: auto)")
+    add_played("--policy", choices=POLICIES, help="instead of an agent; asks for --scenario")
+    add_played(
         "--save-replay", type=Path, metavar="FILE", help="keep the matches too, for --replay"
     )
-    parser.add_argument(
-        "--replay", type=Path, metavar="FILE", help="show the matches of this file instead"
-    )
+    add("--replay", type=Path, metavar="FILE", help="show the matches of this file instead")
     return parser
-
-
-def _fps(text: str) -> float:
-    value = float(text)
-    if not 1 <= value <= 100:
-        raise argparse.ArgumentTypeError(f"{value:g} is not in [1, 100]")
-    return value
 
 
 def _main(options: argparse.Namespace) -> None:
@@ -174,19 +167,18 @@ def _check(options: argparse.Namespace) -> None:
             f"[{smallest}, {LARGEST_WIDTH}]."
         )
     check_video_path(options.out)
-    check_outputs(*(path for path in (options.out, options.save_replay) if path is not None))
+    check_outputs(options.out, options.save_replay)
 
 
 def _make_video(options: argparse.Namespace) -> tuple[int, int]:
     """Plays, draws and writes; returns the numbers of matches and of frames."""
-    from fbrl.cli.playing import playing
     from fbrl.watch.replay_file import save_replay
     from fbrl.watch.views import open_view
 
     with contextlib.ExitStack() as stack:
         if options.replay is None:
             stack.enter_context(playing(PROGRAM))
-        display = stack.enter_context(WatchDisplay())
+        display = stack.enter_context(ProgressDisplay())
         matches, density = _matches(options, display)
         shown: list[MatchRecording] = []
         with open_view(options.view, options.width, density) as view:
@@ -198,7 +190,7 @@ def _make_video(options: argparse.Namespace) -> tuple[int, int]:
 
 
 def _matches(
-    options: argparse.Namespace, display: WatchDisplay
+    options: argparse.Namespace, display: ProgressDisplay
 ) -> tuple[Iterable[MatchRecording], AssistDensity | None]:
     """The matches to show, played as they are asked for, and the density of their reward."""
     if options.replay is not None:
@@ -208,47 +200,41 @@ def _matches(
         if options.view != "2d":
             load_gfootball()
         return load_replay(options.replay)
+    from fbrl.envs.factory import make_reward
     from fbrl.watch.recording import record_matches
 
-    player = _player(options)
+    def show(finished: int, steps: int) -> None:
+        display.show(f"playing match {finished + 1}", steps, None, "steps")
+
     wanted = options.episodes or 1
-    reward = player["reward"]
-    matches = record_matches(
-        **player,
+    record = functools.partial(
+        record_matches,
         episodes=wanted * TRIES_PER_GOAL if options.only else wanted,
         seed=options.seed or 0,
         greedy=options.mode == "greedy",
-        on_progress=display.playing,
+        on_progress=show,
     )
-    return matches, reward.density
-
-
-def _player(options: argparse.Namespace) -> dict[str, Any]:
-    """Who plays what, by the names of :func:`record_matches`'s arguments."""
     if options.policy is not None:
-        from fbrl.envs.factory import make_reward
         from fbrl.evaluation.policies import make_policy
 
-        return {
-            "policy": make_policy(options.policy),
-            "scenario": options.scenario,
-            "observation": "simple115",
-            "reward": make_reward("analytics"),
-        }
+        policy, reward = make_policy(options.policy), make_reward("analytics")
+        matches = record(policy, options.scenario, observation="simple115", reward=reward)
+        return matches, reward.density
     from fbrl.agent import load_agent
     from fbrl.assembly import make_agent_observation, make_training_reward
     from fbrl.device import choose_device
 
     device = choose_device(options.device or "auto")
     agent = load_agent(options.run, device)
-    config = agent.config
-    return {
-        "policy": agent.model.get_collection_policy(),
-        "scenario": options.scenario or config.scenario,
-        "observation": make_agent_observation(config),
-        "reward": make_training_reward(config, agent.run_dir),
-        "device": device,
-    }
+    reward = make_training_reward(agent.config, agent.run_dir)
+    matches = record(
+        agent.model.get_collection_policy(),
+        options.scenario or agent.config.scenario,
+        observation=make_agent_observation(agent.config),
+        reward=reward,
+        device=device,
+    )
+    return matches, reward.density
 
 
 def _frames(
@@ -256,10 +242,10 @@ def _frames(
     view: View,
     matches: Iterable[MatchRecording],
     shown: list[MatchRecording],
-    display: WatchDisplay,
+    display: ProgressDisplay,
 ) -> Iterator[np.ndarray]:
     """The frames of the matches that are wanted, which are added to ``shown`` one by one."""
-    from fbrl.watch.captions import captioned_frames, num_frames
+    from fbrl.watch.views import captioned_frames, num_frames
 
     wanted = len(matches) if isinstance(matches, list) else options.episodes or 1
     played = 0
@@ -272,7 +258,7 @@ def _frames(
         frames = captioned_frames(view, match, title, options.fps)
         total = num_frames(match, options.fps)
         for index, frame in enumerate(frames, start=1):
-            display.drawing(len(shown), index, total)
+            display.show(f"drawing match {len(shown)}", index, total, "frames")
             yield frame
         if len(shown) == wanted:
             return

@@ -23,41 +23,37 @@ Point = Sequence[float] | np.ndarray
 _FRACTION_BITS = 4
 
 
-def _fixed(value: float) -> int:
-    return round(float(value) * (1 << _FRACTION_BITS))
-
-
-def _point(point: Point) -> tuple[int, int]:
-    return _fixed(point[0]), _fixed(point[1])
+def _fixed(*values: float) -> list[int]:
+    return [round(float(value) * (1 << _FRACTION_BITS)) for value in values]
 
 
 def circle(
     frame: np.ndarray, centre: Point, radius: float, colour: Colour, thickness: int = -1
 ) -> None:
     """Draws a circle, filled unless it has a thickness in pixels."""
-    cv2.circle(
-        frame, _point(centre), _fixed(radius), colour, thickness, cv2.LINE_AA, _FRACTION_BITS
-    )
+    x, y, radius = _fixed(*centre, radius)
+    cv2.circle(frame, (x, y), radius, colour, thickness, cv2.LINE_AA, _FRACTION_BITS)
 
 
 def line(frame: np.ndarray, start: Point, end: Point, colour: Colour, thickness: int) -> None:
     """Draws a straight line."""
     cv2.line(
-        frame, _point(start), _point(end), colour, thickness, cv2.LINE_AA, shift=_FRACTION_BITS
+        frame, _fixed(*start), _fixed(*end), colour, thickness, cv2.LINE_AA, shift=_FRACTION_BITS
     )
 
 
 def arrow(frame: np.ndarray, start: Point, end: Point, colour: Colour, thickness: int) -> None:
     """Draws a line with a filled head at its end, a few line widths long."""
-    tail, tip = np.asarray(start, float), np.asarray(end, float)
-    length = float(np.hypot(*(tip - tail)))
+    tip = np.asarray(end, float)
+    along = tip - np.asarray(start, float)
+    length = float(np.hypot(*along))
     if length < 1.0:
         return
-    along = (tip - tail) / length
+    along /= length
     across = np.array([-along[1], along[0]])
     head = min(length, 2.5 + 3.0 * thickness)
     base = tip - head * along
-    line(frame, tail, base, colour, thickness)
+    line(frame, start, base, colour, thickness)
     corners = np.array([tip, base + 0.5 * head * across, base - 0.5 * head * across])
     fixed = np.round(corners * (1 << _FRACTION_BITS)).astype(np.int32)
     cv2.fillConvexPoly(frame, fixed, colour, cv2.LINE_AA, _FRACTION_BITS)
@@ -79,15 +75,15 @@ def text(
     anchor: str = "lm",
     bold: bool = False,
 ) -> None:
-    """Writes a line of text.
+    """Writes a line of text, cut off at the frame's edges.
 
     Args:
-        frame: Written into; what would lie outside is cut off.
+        frame: Written into.
         position: Where the anchor goes, pixels.
         string: The text.
         size: Of the font, pixels.
         colour: Of the letters.
-        anchor: Horizontally l, m or r (left, middle, right), then m for the middle of the line.
+        anchor: ``"lm"``, ``"mm"`` or ``"rm"``: left, middle or right end of the line's middle.
         bold: Thicker letters.
     """
     mask = _text_mask(string, max(round(size), 6), bold)

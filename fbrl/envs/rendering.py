@@ -63,7 +63,7 @@ def draw_from_above(scenario: str, state: Mapping[str, np.ndarray]) -> np.ndarra
     Returns:
         Red, green and blue, uint8 (height, :data:`WIDTH`, 3), of an even height.
     """
-    from fbrl.drawing.header import SECONDS_PER_STEP
+    from fbrl.drawing.match_picture import SECONDS_PER_STEP
 
     picture = _match_picture()
     frame = picture.empty(scenario)

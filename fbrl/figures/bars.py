@@ -19,7 +19,6 @@ AXIS_NAMES = {
     "goal-difference": "goal difference per match",
     "generalisation": "goal difference per match\nin a scenario not trained on",
 }
-_HATCH = "///"
 
 
 def bars_figure(bars: Sequence[PooledResult], measure: str, title: str) -> Figure:
@@ -97,35 +96,24 @@ def _draw(
         width * 0.92,
         color="white" if is_published else colour,
         edgecolor=colour,
-        hatch=_HATCH if is_published else None,
+        hatch="///" if is_published else None,
         label=bars[0].agent,
     )
     for x, bar in zip(at, bars, strict=True):
         if bar.low is not None and bar.high is not None:
             ends = [[max(0.0, bar.value - bar.low)], [max(0.0, bar.high - bar.value)]]
             axes.errorbar(x, bar.value, ends, color="black", capsize=3, linewidth=1.2)
+        finite = [value for value in bar.values if math.isfinite(value)]
         if len(bar.values) > 1:
-            finite = [value for value in bar.values if math.isfinite(value)]
-            axes.plot(
-                [x - width / 5] * len(finite),
-                finite,
-                "o",
-                color="#333333",
-                markersize=3.5,
-                alpha=0.7,
-            )
+            dots = [x - width / 5] * len(finite)
+            axes.plot(dots, finite, "o", color="#333333", markersize=3.5, alpha=0.7)
         if bar.reached < len(bar.values):
-            _say_reached(axes, x, bar)
-
-
-def _say_reached(axes: Axes, x: float, bar: PooledResult) -> None:
-    several = len(bar.values) > 1
-    text = f"{bar.reached} of {len(bar.values)} seeds" if several else "not reached"
-    height = max((value for value in bar.values if math.isfinite(value)), default=0.0)
-    axes.annotate(
-        text, (x, height), xytext=(0, 5), textcoords="offset points", rotation=90, ha="center",
-        va="bottom", fontsize=9,
-    )  # fmt: skip
+            several = len(bar.values) > 1
+            said = f"{bar.reached} of {len(bar.values)} seeds" if several else "not reached"
+            axes.annotate(
+                said, (x, max(finite, default=0.0)), xytext=(0, 5), textcoords="offset points",
+                rotation=90, ha="center", va="bottom", fontsize=9,
+            )  # fmt: skip
 
 
 def _short(scenario: str) -> str:

@@ -6,14 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fbrl.analysis.run_groups import LearningCurve
-from fbrl.figures.style import (
-    COLOURS,
-    LINE_STYLES,
-    add_legend,
-    count_frames,
-    new_figure,
-    set_labels,
-)
+from fbrl.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,20 +35,15 @@ def learning_curves_figure(
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    figure, axes = new_figure(7.0, 4.2)
+    figure, axes = style.new_figure(7.0, 4.2)
     for index, curve in enumerate(curves):
-        colour = COLOURS[index % len(COLOURS)]
-        style = LINE_STYLES[index // len(COLOURS) % len(LINE_STYLES)]
+        colour = style.COLOURS[index % len(style.COLOURS)]
+        dashes = style.LINE_STYLES[index // len(style.COLOURS) % len(style.LINE_STYLES)]
         seeds = "1 seed" if curve.seeds == 1 else f"{curve.seeds} seeds"
         axes.plot(
-            curve.frames,
-            curve.mean,
-            color=colour,
-            linestyle=style,
-            linewidth=1.8,
-            marker="o" if len(curve.frames) < 3 else None,
-            label=f"{curve.label} ({seeds})",
-        )
+            curve.frames, curve.mean, color=colour, linestyle=dashes, linewidth=1.8,
+            marker="o" if len(curve.frames) < 3 else None, label=f"{curve.label} ({seeds})",
+        )  # fmt: skip
         if curve.low is not None and curve.high is not None:
             axes.fill_between(
                 curve.frames, curve.low, curve.high, color=colour, alpha=0.2, linewidth=0
@@ -65,9 +53,9 @@ def learning_curves_figure(
             threshold, color="#555555", linestyle=(0, (4, 3)), linewidth=1.2,
             label=f"threshold {threshold:g}",
         )  # fmt: skip
-    frames = count_frames(axes.xaxis, max(curve.frames[-1] for curve in curves))
-    set_labels(axes, title, frames, AXIS_NAMES.get(metric, metric))
+    frames = style.count_frames(axes.xaxis, max(curve.frames[-1] for curve in curves))
+    style.set_labels(axes, title, frames, AXIS_NAMES.get(metric, metric))
     axes.margins(x=0.01)
     has_band = any(curve.low is not None for curve in curves)
-    add_legend(axes, "line: mean of the seeds, band: its 95 % interval" if has_band else None)
+    style.add_legend(axes, "line: mean of the seeds, band: its 95 % interval" if has_band else None)
     return figure

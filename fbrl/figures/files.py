@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 from fbrl.files.atomic_write import atomic_write
 
@@ -35,21 +35,17 @@ def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:
         ValueError: if a name has another ending.
         OSError: if a file cannot be written.
     """
-    with contextlib.ExitStack() as files:
-        for path in map(check_figure_path, paths):
-            file = files.enter_context(atomic_write(path))
-            _write(figure, file, path.suffix.lower())
-
-
-def _write(figure: Figure, file: BinaryIO, kind: str) -> None:
     import matplotlib
 
-    # The same picture is the same file, whenever it is made.
-    with matplotlib.rc_context({"svg.hashsalt": "fbrl", "svg.fonttype": "none"}):
-        figure.savefig(
-            file,
-            format=kind[1:],
-            dpi=_DOTS_PER_INCH,
-            bbox_inches="tight",
-            metadata={"Date": None} if kind == ".svg" else None,
-        )
+    with contextlib.ExitStack() as files:
+        # The same picture is the same file, whenever it is made.
+        files.enter_context(matplotlib.rc_context({"svg.hashsalt": "fbrl", "svg.fonttype": "none"}))
+        for path in map(check_figure_path, paths):
+            kind = path.suffix.lower()[1:]
+            figure.savefig(
+                files.enter_context(atomic_write(path)),
+                format=kind,
+                dpi=_DOTS_PER_INCH,
+                bbox_inches="tight",
+                metadata={"Date": None} if kind == "svg" else None,
+            )

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_COLOURS = "viridis"
-_LINES = "#f2f2f2"
 _CELL_METRES = 2.0
 
 
@@ -34,40 +32,22 @@ def passes_figure(passes: Sequence[Pass], title: str, credit: str = "Data: Stats
     """Passes as lines from where they start to where they end (Figure 4.1 of the thesis).
 
     Args:
-        passes: the passes.
+        passes: at least one.
         title: what they are.
         credit: the credit that the data's owner asks for.
     """
     figure, (axes,) = _pitches(1, colour="#2f6b3a")
     x, y, end_x, end_y = np.array([row.position for row in passes]).T
-    many = len(passes) > 2000
-    axes.plot(
-        np.stack([x, end_x]),
-        np.stack([y, end_y]),
-        color="#ffe34d",
-        linewidth=0.6,
-        alpha=0.25 if many else 0.6,
-        zorder=2,
-    )
-    size = 5 if many else 11
-    for at_x, at_y, colour, label in (
-        (x, y, "#d7191c", "start"),
-        (end_x, end_y, "#1f4fd8", "end"),
-    ):
-        axes.scatter(
-            at_x, at_y, s=size, color=colour, edgecolors="white", linewidths=0.3, zorder=3,
-            label=label,
-        )  # fmt: skip
+    size, alpha = (5, 0.25) if len(passes) > 2000 else (11, 0.6)
+    lines = np.stack([x, end_x]), np.stack([y, end_y])
+    axes.plot(*lines, color="#ffe34d", linewidth=0.6, alpha=alpha, zorder=2)
+    dots: Any = {"s": size, "edgecolors": "white", "linewidths": 0.3, "zorder": 3}
+    axes.scatter(x, y, color="#d7191c", label="start", **dots)
+    axes.scatter(end_x, end_y, color="#1f4fd8", label="end", **dots)
     axes.legend(
-        loc="upper left",
-        bbox_to_anchor=(0.0, 0.0),
-        ncols=2,
-        frameon=False,
-        fontsize=9,
-        markerscale=2,
-        handletextpad=0.1,
-        borderaxespad=0.1,
-    )
+        loc="upper left", bbox_to_anchor=(0.0, 0.0), ncols=2, frameon=False, fontsize=9,
+        markerscale=2, handletextpad=0.1, borderaxespad=0.1,
+    )  # fmt: skip
     axes.set_title(title, fontsize=11)
     _sign(axes, credit)
     return figure
@@ -76,11 +56,9 @@ def passes_figure(passes: Sequence[Pass], title: str, credit: str = "Data: Stats
 def densities_figure(density: AssistDensity) -> Figure:
     """The start and the end density side by side (Figure 4.2 of the thesis)."""
     figure, axes = _pitches(2)
-    for ax, surface, name in (
-        (axes[0], density.start, "Where assists start"),
-        (axes[1], density.end, "Where assists end"),
-    ):
-        _paint(figure, ax, surface, f"{name}, peak {surface.peak:g}")
+    start, end = density.start, density.end
+    _paint(figure, axes[0], start, f"Where assists start, peak {start.peak:g}")
+    _paint(figure, axes[1], end, f"Where assists end, peak {end.peak:g}")
     _sign(axes[-1], _credit(density))
     return figure
 
@@ -98,20 +76,16 @@ def agent_figure(
     """
     figure, axes = _pitches(3)
     _paint_share(figure, axes[0], np.asarray(positions, dtype=np.float64), title)
-    start, end = (
-        ("Paid for having the ball", "Paid for receiving a pass")
-        if is_paid
-        else ("Where assists start", "Where assists end")
-    )
+    start, end = "Where assists start", "Where assists end"
+    if is_paid:
+        start, end = "Paid for having the ball", "Paid for receiving a pass"
     _paint(figure, axes[1], density.start, start)
     _paint(figure, axes[2], density.end, end)
     _sign(axes[-1], _credit(density))
     return figure
 
 
-def _pitches(
-    count: int, colour: str = "white", line_colour: str = _LINES
-) -> tuple[Figure, list[Axes]]:
+def _pitches(count: int, colour: str = "white") -> tuple[Figure, list[Axes]]:
     check_installed()
     from matplotlib.figure import Figure
     from mplsoccer import Pitch
@@ -123,28 +97,18 @@ def _pitches(
     axes = list(np.atleast_1d(figure.subplots(1, count)))
     # StatsBomb's own pitch, stretched to the engine's proportions.
     pitch: Any = Pitch(
-        pitch_type="statsbomb", pitch_color=colour, line_color=line_colour, linewidth=1.0,
+        pitch_type="statsbomb", pitch_color=colour, line_color="#f2f2f2", linewidth=1.0,
         line_zorder=2.5, pad_left=2, pad_right=2, pad_top=2, pad_bottom=2,
     )  # fmt: skip
     for ax in axes:
         pitch.draw(ax=ax)
         ax.set_aspect((PITCH_WIDTH / 80.0) / (PITCH_LENGTH / 120.0))
-        _show_attack(ax)
+        ax.annotate(
+            "attack", xy=(70, 83), xytext=(50, 83), va="center", ha="center", fontsize=9,
+            color="#555555", annotation_clip=False,
+            arrowprops={"arrowstyle": "->", "color": "#555555"},
+        )  # fmt: skip
     return figure, axes
-
-
-def _show_attack(axes: Axes) -> None:
-    axes.annotate(
-        "attack",
-        xy=(70, 83),
-        xytext=(50, 83),
-        va="center",
-        ha="center",
-        fontsize=9,
-        color="#555555",
-        annotation_clip=False,
-        arrowprops={"arrowstyle": "->", "color": "#555555"},
-    )
 
 
 def _paint(figure: Figure, axes: Axes, surface: PositionDensity, title: str) -> None:
@@ -186,7 +150,7 @@ def _paint_cells(
         extent=(0.0, 120.0, 80.0, 0.0),
         origin="upper",
         aspect=axes.get_aspect(),
-        cmap=_COLOURS,
+        cmap="viridis",
         norm=PowerNorm(power, vmin=0.0, vmax=highest),
         interpolation=interpolation,
         zorder=1,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import os
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +12,7 @@ from fbrl.files.csv_table import as_number, read_csv_table
 
 def write_positions(path: str | os.PathLike[str], positions: NDArray[np.float64]) -> None:
     """Writes positions as a CSV table with the columns x and y in pitch units."""
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["x", "y"])
-        table.writerows([f"{x:.5f}", f"{y:.5f}"] for x, y in positions)
+    np.savetxt(path, positions, "%.5f", delimiter=",", newline="\r\n", header="x,y", comments="")
 
 
 def read_positions(path: str | os.PathLike[str]) -> NDArray[np.float64]:

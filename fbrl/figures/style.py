@@ -25,11 +25,7 @@ _LINE_HEIGHT = 0.22
 
 
 def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
-    """An empty figure with one pair of axes.
-
-    Args:
-        width: In inches.
-        height: In inches.
+    """An empty figure, in inches, with one pair of axes.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -57,12 +53,7 @@ def set_labels(axes: Axes, title: str, x: str, y: str) -> None:
 
 
 def add_legend(axes: Axes, note: str | None = None) -> None:
-    """Explains the colours below the axes, where nothing is hidden by it.
-
-    Args:
-        axes: Whose artists are named.
-        note: What the legend says of all of them.
-    """
+    """Explains the colours below the axes, where nothing is hidden, under a note on all of them."""
     handles, labels = axes.get_legend_handles_labels()
     figure = axes.get_figure(root=True)
     assert figure is not None
@@ -72,24 +63,13 @@ def add_legend(axes: Axes, note: str | None = None) -> None:
     lines = sum(text.count("\n") + 1 for text in texts) / columns
     figure.set_figheight(figure.get_figheight() + _LINE_HEIGHT * lines)
     figure.legend(
-        handles,
-        texts,
-        loc="outside lower center",
-        ncols=columns,
-        frameon=False,
-        fontsize=_FONT_SIZE - 1,
-        title=note,
-        title_fontsize=_FONT_SIZE - 1,
-    )
+        handles, texts, loc="outside lower center", ncols=columns, frameon=False,
+        fontsize=_FONT_SIZE - 1, title=note, title_fontsize=_FONT_SIZE - 1,
+    )  # fmt: skip
 
 
 def count_frames(axis: Axis, most: float) -> str:
-    """Labels an axis of frames in thousands or millions, and returns what to call it.
-
-    Args:
-        axis: The x or y axis of some axes.
-        most: The largest number of frames that is drawn.
-    """
+    """Labels an axis of at most so many frames in thousands or millions; returns its name."""
     unit, word = (1e6, "millions") if most >= 1e6 else (1e3, "thousands")
     axis.set_major_formatter(lambda frames, _: f"{frames / unit:g}")
     return f"environment frames ({word})"

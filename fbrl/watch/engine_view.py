@@ -52,12 +52,10 @@ class EngineView:
             RenderingError: The process ended, hangs, or plays another match than was recorded.
         """
         episode = recording.scenario, recording.engine_seed, recording.episode_number
-        recorded = _recorded_positions(recording)
-        with contextlib.closing(
-            self._pictures.play(episode, recording.actions.tolist(), every=True)
-        ) as played:
+        play = self._pictures.play(episode, recording.actions.tolist(), every=True)
+        with contextlib.closing(play) as played:
             for index, (positions, picture) in enumerate(played):
-                if not np.array_equal(positions, next(recorded)):
+                if not np.array_equal(positions, _positions(recording, index)):
                     raise RenderingError(
                         f"The engine does not play {recording.scenario} with seed "
                         f"{recording.engine_seed} as it was recorded: at step {index} the "
@@ -66,12 +64,8 @@ class EngineView:
                 yield picture
 
 
-def _recorded_positions(recording: MatchRecording) -> Iterator[np.ndarray]:
-    """What :meth:`EnginePictures.play` yields as positions, as it was recorded."""
-    observations = recording.observations
-    for index in range(recording.num_steps + 1):
-        teams = [
-            observations[team][index][observations[f"{team}_roles"][index] != -1].ravel()
-            for team in ("left_team", "right_team")
-        ]
-        yield np.concatenate([observations["ball"][index], *teams]).astype(np.float32)
+def _positions(recording: MatchRecording, index: int) -> np.ndarray:
+    """What :meth:`EnginePictures.play` yields as positions of a state, as it was recorded."""
+    state = {key: array[index] for key, array in recording.observations.items()}
+    teams = [state[team][state[f"{team}_roles"] != -1] for team in ("left_team", "right_team")]
+    return np.concatenate([state["ball"], *map(np.ravel, teams)]).astype(np.float32)

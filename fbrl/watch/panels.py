@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fbrl.drawing.canvas import Colour, arrow, circle, rectangle, text
-from fbrl.drawing.header import FAINT, HIGHLIGHT, TEXT
+from fbrl.drawing.match_picture import FAINT, HIGHLIGHT, TEXT
 from fbrl.envs.actions import ACTION_NAMES
 from fbrl.watch.recording import MatchRecording
 
@@ -32,9 +32,7 @@ _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
 class ActionPanel:
     """The action that led to a state, and what is held: direction, sprint, dribble.
 
-    Args:
-        corner: Upper left one, column and row.
-        unit: Scale; 1 for frames 960 pixels wide.
+    Its upper left corner is column and row, its unit 1 for frames 960 pixels wide.
     """
 
     def __init__(self, corner: tuple[int, int], unit: float) -> None:
@@ -63,10 +61,7 @@ class ActionPanel:
 class RewardStrip:
     """A lane for each part of the reward, which fills up as the match goes on.
 
-    Args:
-        recording: The match.
-        box: Left, top, right and bottom, pixels.
-        unit: Scale; 1 for frames 960 pixels wide.
+    Its box is left, top, right and bottom in pixels, its unit 1 for frames 960 pixels wide.
     """
 
     def __init__(
@@ -131,13 +126,10 @@ class RewardStrip:
             lane[:, :now] = chart[:, :now]
             lane[:, max(0, now - 1) : now] = FAINT
             middle = top + height / 2
-            text(frame, (self._value_right, middle), _amount(sums[index]), 13 * self._unit, TEXT,
-                 anchor="rm")  # fmt: skip
+            amount = f"{sums[index]:+.3f}" if sums[index] else "0"
+            place = (self._value_right, middle)
+            text(frame, place, amount, 13 * self._unit, TEXT, anchor="rm")
 
 
 def _part_colour(name: str) -> Colour:
     return _PART_COLOURS.get(name, _OTHER_PART)
-
-
-def _amount(value: float) -> str:
-    return f"{value:+.3f}" if value else "0"

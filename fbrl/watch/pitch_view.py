@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from fbrl.density import AssistDensity
 from fbrl.drawing.canvas import Colour, arrow, blend, circle, line
-from fbrl.drawing.header import SECONDS_PER_STEP
 from fbrl.drawing.match_picture import (
     BALL_COLOUR,
     LEFT_COLOUR,
     PANEL_COLOUR,
     RIGHT_COLOUR,
+    SECONDS_PER_STEP,
     MatchPicture,
 )
 from fbrl.watch.panels import ActionPanel, RewardStrip
-from fbrl.watch.pass_lines import CompletedPass, completed_passes
 from fbrl.watch.recording import MatchRecording
 
 TRAIL_STEPS = 15
@@ -93,11 +93,11 @@ class PitchView:
         return starts
 
     def _draw_last_pass(self, frame: np.ndarray, passes: list[CompletedPass], index: int) -> None:
-        last = max((p for p in passes if p.received_at <= index), default=None, key=_received_at)
-        if last is None or index - last.received_at > PASS_STEPS:
+        past = [completed for completed in passes if completed.received_at <= index]
+        if not past or index - past[-1].received_at > PASS_STEPS:
             return
-        start, end = self.pixels(last.start), self.pixels(last.end)
-        colour = (LEFT_COLOUR, RIGHT_COLOUR)[last.team]
+        start, end = self.pixels(past[-1].start), self.pixels(past[-1].end)
+        colour = (LEFT_COLOUR, RIGHT_COLOUR)[past[-1].team]
         bright: Colour = tuple(round(0.45 * c + 0.55 * 255) for c in colour)  # type: ignore[assignment]
         circle(frame, start, 0.5 * self._picture.pixels_per_metre, bright)
         arrow(frame, start, end, bright, max(1, round(2.2 * self._unit)))
@@ -114,5 +114,34 @@ class PitchView:
         blend(frame, mask, (int(corner[0]), int(corner[1])), BALL_COLOUR)
 
 
-def _received_at(completed: CompletedPass) -> int:
-    return completed.received_at
+@dataclass(frozen=True)
+class CompletedPass:
+    """A ball that went from one player of a team to another, from x and y to x and y."""
+
+    team: int  # 0 is the left one
+    received_at: int  # index of the first state in which the receiver has the ball
+    start: np.ndarray  # where the passer had it last, pitch units
+    end: np.ndarray  # where the receiver has it first
+
+
+def completed_passes(recording: MatchRecording) -> list[CompletedPass]:
+    """The passes in play, of either team, in their order."""
+    observations = recording.observations
+    ball = observations["ball"][:, :2]
+    owners = zip(
+        observations["ball_owned_team"].tolist(),
+        observations["ball_owned_player"].tolist(),
+        observations["game_mode"].tolist(),
+        strict=True,
+    )
+    passes = []
+    carrier: tuple[int, int] | None = None
+    carried_at = 0
+    for index, (team, player, game_mode) in enumerate(owners):
+        if game_mode != 0:
+            carrier = None
+        elif team != -1:
+            if carrier is not None and carrier[0] == team and carrier[1] != player:
+                passes.append(CompletedPass(team, index, ball[carried_at], ball[index]))
+            carrier, carried_at = (team, player), index
+    return passes

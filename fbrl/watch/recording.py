@@ -8,13 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torchrl.envs import (
-    EnvBase,
-    ExplorationType,
-    Transform,
-    set_exploration_type,
-    step_mdp,
-)
+from torchrl.envs import EnvBase, ExplorationType, Transform, set_exploration_type, step_mdp
 
 from fbrl.envs.factory import make_env, make_reward
 from fbrl.envs.rendering import DRAWN_KEYS

@@ -24,6 +24,7 @@ FORMAT = "fbrl-matches"
 FORMAT_VERSION = 1
 
 _LARGEST_CONTENT = 2**30
+_FACTS = ("scenario", "engine_seed", "episode_number")
 
 
 class ReplayError(ValueError):
@@ -35,35 +36,20 @@ def save_replay(
     recordings: Sequence[MatchRecording],
     density: AssistDensity | None = None,
 ) -> None:
-    """Writes matches, in one piece or not at all.
-
-    Args:
-        path: File to write or replace.
-        recordings: The matches.
-        density: That of their reward, to be shown with them.
+    """Writes matches, and the density of their reward, in one piece or not at all.
 
     Raises:
         OSError: The file can't be written.
     """
-    header: dict[str, Any] = {
-        "format": FORMAT,
-        "version": FORMAT_VERSION,
-        "matches": [
-            {
-                "scenario": match.scenario,
-                "engine_seed": match.engine_seed,
-                "episode_number": match.episode_number,
-                "rewards": list(match.rewards),
-            }
-            for match in recordings
-        ],
-        "density": None,
-    }
+    matches: list[dict[str, Any]] = []
     arrays: dict[str, Any] = {}
     for index, match in enumerate(recordings):
+        entry = {name: getattr(match, name) for name in _FACTS}
+        matches.append({**entry, "rewards": list(match.rewards)})
         arrays[f"{index}/actions"] = match.actions
         arrays |= {f"{index}/{key}": array for key, array in match.observations.items()}
         arrays |= {f"{index}/rewards/{part}": array for part, array in match.rewards.items()}
+    header = {"format": FORMAT, "version": FORMAT_VERSION, "matches": matches, "density": None}
     if density is not None:
         metadata = density.metadata
         header["density"] = {
@@ -78,9 +64,7 @@ def save_replay(
         np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
 
 
-def load_replay(
-    path: str | os.PathLike[str],
-) -> tuple[list[MatchRecording], AssistDensity | None]:
+def load_replay(path: str | os.PathLike[str]) -> tuple[list[MatchRecording], AssistDensity | None]:
     """Reads what :func:`save_replay` wrote. Runs no code from the file.
 
     Returns:
@@ -123,21 +107,18 @@ def _match(index: int, entry: Mapping[str, Any], arrays: Mapping[str, Any]) -> M
     _check(f"{index}/actions", actions, (steps,), np.dtype(np.int64), 0, BUILTIN_AI)
     if not steps:
         raise ValueError("a match without steps")
-    observations = {}
-    for key in RECORDED_KEYS:
-        space = OBSERVATION_SPACE[key]
-        name = f"{index}/{key}"
-        observations[key] = arrays[name]
-        shape, low, high = (steps + 1, *space.shape), space.low, space.high  # type: ignore[attr-defined, misc]
-        _check(name, arrays[name], shape, space.dtype, low, high)
-    rewards = {}
-    for part in entry["rewards"]:
+    observations = {key: arrays[f"{index}/{key}"] for key in RECORDED_KEYS}
+    for key, array in observations.items():
+        space: Any = OBSERVATION_SPACE[key]
+        shape = (steps + 1, *space.shape)
+        _check(f"{index}/{key}", array, shape, space.dtype, space.low, space.high)
+    rewards = {str(part): arrays[f"{index}/rewards/{part}"] for part in entry["rewards"]}
+    for part, array in rewards.items():
         name = f"{index}/rewards/{part}"
-        rewards[str(part)] = arrays[name]
-        _check(name, arrays[name], (steps,), np.dtype(np.float32), -np.inf, np.inf)
+        _check(name, array, (steps,), np.dtype(np.float32), -np.inf, np.inf)
     if not rewards:
         raise ValueError("a match without rewards")
-    scenario, seed, number = entry["scenario"], entry["engine_seed"], entry["episode_number"]
+    scenario, seed, number = (entry[name] for name in _FACTS)
     if not (isinstance(scenario, str) and isinstance(seed, int) and isinstance(number, int)):
         raise ValueError("scenario, seed or episode number are of the wrong type")
     if not (0 <= seed <= MAX_SEED and 0 <= number <= MAX_SEED):

@@ -18,13 +18,11 @@ ENDINGS = (".mp4", ".gif")
 _PACKAGES = ("mplsoccer", "imageio_ffmpeg", "cv2")
 
 # Players take colours without a tag for those of BT.709 or BT.601, as they like.
-_TAGGED = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709")
 _H264 = (
-    *("-vf", "scale=out_color_matrix=bt709", "-c:v", "libx264", "-pix_fmt", "yuv420p"),
-    *_TAGGED,
-    *("-preset", "veryfast", "-crf", "20", "-movflags", "+faststart"),
+    "-vf scale=out_color_matrix=bt709 -c:v libx264 -pix_fmt yuv420p -colorspace bt709 "
+    "-color_primaries bt709 -color_trc bt709 -preset veryfast -crf 20 -movflags +faststart"
 )
-_LOSSLESS = ("-c:v", "libx264rgb", "-preset", "ultrafast", "-crf", "0")
+_LOSSLESS = "-c:v libx264rgb -preset ultrafast -crf 0"
 # One palette for all frames, and so two readings of the video: the first ends before the second
 # begins, so that no frame waits in memory. Dithering would change every pixel in every frame, and
 # make the file many times as large.
@@ -51,7 +49,6 @@ def check_video_path(path: str | os.PathLike[str]) -> Path:
 
     Raises:
         ValueError: It is a directory, its directory is missing, or it has an unknown ending.
-        OSError: Its directory can't be written to.
     """
     path = Path(path)
     if path.suffix.lower() not in ENDINGS:
@@ -60,8 +57,6 @@ def check_video_path(path: str | os.PathLike[str]) -> Path:
         raise ValueError(f"{path} is a directory; give the name of a file.")
     if not path.absolute().parent.is_dir():
         raise ValueError(f"There is no directory {path.parent} to write {path.name} into.")
-    if not os.access(path.absolute().parent, os.W_OK):
-        raise PermissionError(f"The directory {path.parent} can't be written to.")
     return path
 
 
@@ -83,8 +78,7 @@ def write_video(
         MissingExtraError: imageio-ffmpeg is missing.
         OSError: The file can't be written.
 
-    Whatever goes wrong, also in the iterable of frames, leaves no file behind and an older one
-    untouched.
+    Whatever goes wrong leaves no file behind, and an older one untouched.
     """
     path = check_video_path(path)
     is_gif = path.suffix.lower() == ".gif"
@@ -92,26 +86,22 @@ def write_video(
     first = next(frames, None)
     if first is None:
         raise ValueError("There are no frames to make a video of.")
-    height, width, _ = _check_shape(first)
+    if first.ndim != 3 or first.shape[2] != 3 or first.dtype != np.uint8:
+        raise ValueError(f"Frames are {first.dtype} of shape {first.shape}, not uint8 (h, w, 3).")
+    height, width, _ = first.shape
+    if height % 2 or width % 2:
+        raise ValueError(f"Frames are of shape {first.shape}; H.264 needs even sizes.")
     raw = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {fps} -i -".split()
     # Next to the file, so that it is renamed within one file system.
     # From the root, so that ffmpeg takes no name for an option or the address of a server.
     with tempfile.TemporaryDirectory(prefix=".fbrl-video-", dir=path.parent.resolve()) as folder:
         video, gif = Path(folder, "video.mp4"), Path(folder, "video.gif")
-        encoding = _LOSSLESS if is_gif else _H264
+        encoding = (_LOSSLESS if is_gif else _H264).split()
         count = _run_ffmpeg([*raw, *encoding, video], itertools.chain([first], frames))
         if is_gif:
             _run_ffmpeg(["-i", video, "-i", video, "-filter_complex", _WITH_PALETTE, gif])
         (gif if is_gif else video).replace(path)
     return count
-
-
-def _check_shape(frame: np.ndarray) -> tuple[int, ...]:
-    if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
-        raise ValueError(f"Frames are {frame.dtype} of shape {frame.shape}, not uint8 (h, w, 3).")
-    if frame.shape[0] % 2 or frame.shape[1] % 2:
-        raise ValueError(f"Frames are of shape {frame.shape}; H.264 needs even sizes.")
-    return frame.shape
 
 
 def _run_ffmpeg(arguments: Sequence[str | Path], frames: Iterable[np.ndarray] = ()) -> int:
