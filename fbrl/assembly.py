@@ -15,10 +15,11 @@ import torch
 from torchrl.envs import Compose, Transform, TransformedEnv
 
 from fbrl.collect import AheadCollector, BatchCollector, MatchCollector
-from fbrl.components import MASKS, ConfigError
+from fbrl.components import MASKS
 from fbrl.config import TrainConfig
 from fbrl.envs.factory import make_env, make_observation, make_reward
 from fbrl.models.actor_critic import ActorCritic, CollectionPolicy, build_actor_critic
+from fbrl.registry import ConfigError
 from fbrl.run_files import DENSITY_NAME
 from fbrl.transforms import ScoringReward
 

@@ -12,18 +12,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from fbrl.components import (
-    LOGGERS,
-    MASKS,
-    NETWORKS,
-    OBSERVATIONS,
-    PICTURES,
-    REWARDS,
-    ConfigError,
-    Registry,
-    check_types,
-    module_of,
-)
+from fbrl.components import LOGGERS, MASKS, NETWORKS, OBSERVATIONS, PICTURES, REWARDS
+from fbrl.registry import ConfigError, Registry, check_types, module_of
 from fbrl.scenarios import check_scenario
 
 LARGEST = 10**12

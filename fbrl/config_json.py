@@ -8,9 +8,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fbrl.components import COMPONENTS, PICTURES, check_types
+from fbrl.components import COMPONENTS, PICTURES
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.files.atomic_write import atomic_write
+from fbrl.registry import check_types
 
 
 def save_config(config: TrainConfig, path: Path) -> None:

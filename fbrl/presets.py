@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from fbrl.checks.names import check_name
-from fbrl.components import check_types
 from fbrl.config import PPOConfig, TrainConfig
+from fbrl.registry import check_types
 from fbrl.scenarios import SCENARIOS
 
 PRESETS = {

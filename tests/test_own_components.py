@@ -14,8 +14,9 @@ import pytest
 from fbrl.agent import load_agent
 from fbrl.assembly import make_training_reward
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
-from fbrl.components import OBSERVATIONS, ConfigError, import_modules
+from fbrl.components import OBSERVATIONS
 from fbrl.config import TrainConfig
+from fbrl.registry import ConfigError, import_modules
 from fbrl.run_files import CHECKPOINT_NAME
 
 OWN = Path(__file__).parents[1] / "examples" / "own"

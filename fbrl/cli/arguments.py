@@ -6,7 +6,7 @@ import argparse
 from sys import float_info
 from typing import Any
 
-from fbrl.components import ConfigError, import_modules
+from fbrl.registry import ConfigError, import_modules
 
 IMPORT_HELP = "import this module, whose classes a run names; may be repeated"
 

@@ -15,9 +15,10 @@ from fbrl.analysis.run_log import read_run_log
 from fbrl.checks.names import check_name
 from fbrl.cli.arguments import IMPORT_HELP, add_import
 from fbrl.cli.errors import Parser, ending_on_bad_input, fail, parsing
-from fbrl.components import COMPONENTS, LOGGERS, Registry, import_modules, module_of
+from fbrl.components import COMPONENTS, LOGGERS
 from fbrl.config import CHANGEABLE_ON_RESUME, PPOConfig, TrainConfig
 from fbrl.presets import PRESETS, preset_config
+from fbrl.registry import Registry, import_modules, module_of
 
 DESCRIPTION = """Train a football agent with PPO on a scenario of Google Research Football.
 

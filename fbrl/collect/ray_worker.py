@@ -15,9 +15,9 @@ from torchrl.envs import EnvBase
 
 from fbrl.collect.collector import inference_threads
 from fbrl.collect.watchdog import Watchdog
-from fbrl.components import import_modules
 from fbrl.config import TrainConfig
 from fbrl.models.actor_critic import CollectionPolicy
+from fbrl.registry import import_modules
 
 _HEALTH = "health"
 
