@@ -37,12 +37,20 @@ def training_config(
 
 
 def fbrl_training(
-    scenario: str, network: str, num_steps: int, iterations: int, device: str, seed: int
+    scenario: str,
+    network: str,
+    num_steps: int,
+    iterations: int,
+    device: str,
+    seed: int,
+    precision: str | None = None,
 ) -> dict[str, float]:
     """Trains as ``fbrl-train`` does, with the analytics reward, logging and all."""
     from fbrl.training import TrainListener, train
 
     config = training_config(scenario, network, num_steps, iterations, device, seed)
+    if precision is not None:
+        config = dataclasses.replace(config, network_options={"precision": precision})
     ends: list[float] = []
     listener = TrainListener(on_metrics=lambda *_: ends.append(time.perf_counter()))
     with tempfile.TemporaryDirectory(prefix="fbrl-benchmark-") as directory:

@@ -32,7 +32,7 @@ PIXELS = "fbrl FootballEnv, pixels"
 SMM, SIMPLE115V2 = "gfootball, SMM", "gfootball, simple115v2"
 STACKED_SMM = "gfootball, stacked SMM"
 FBRL, PEER = "fbrl", "Stable-Baselines3"
-ON_OUR_ENGINE = ", on fbrl's engine"
+IN_BFLOAT16, ON_OUR_ENGINE = ", in bfloat16", ", on fbrl's engine"
 TRAINING_MEMORY, STORED_FRAME = "fbrl-train, 8 matches, CNN", "stored frame"
 
 
@@ -158,6 +158,7 @@ def training_case(scenario: str, network: str) -> str:
 
 def _training(scale: Scale) -> list[Contestant]:
     contestants = []
+    ours = "benchmarks.measure_training:fbrl_training"
     peer = "benchmarks.measure_training:stable_baselines3_training"
     for scenario in scale.scenarios:
         if scenario == FULL_MATCH:
@@ -166,10 +167,13 @@ def _training(scale: Scale) -> list[Contestant]:
             case = training_case(scenario, network)
             arguments = _training_arguments(scale, scenario, network)
             contestants += [
-                Contestant(case, FBRL, "benchmarks.measure_training:fbrl_training", arguments),
+                Contestant(case, FBRL, ours, arguments),
                 Contestant(case, PEER, peer, arguments, Build.DEFAULT),
                 Contestant(case, PEER + ON_OUR_ENGINE, peer, arguments, first_round_only=True),
             ]
+            if network == "cnn":
+                mixed = {**arguments, "precision": "bfloat16"}
+                contestants.append(Contestant(case, FBRL + IN_BFLOAT16, ours, mixed))
     return contestants
 
 
@@ -188,10 +192,14 @@ def _time_shares(scale: Scale) -> list[Contestant]:
 
 def _memory(scale: Scale) -> list[Contestant]:
     scenario = {"scenario": THREE_VS_ONE}
-    training = {**scenario, "arguments": [*scale.memory_arguments, "--device", scale.device]}
+    arguments = [*scale.memory_arguments, "--device", scale.device]
+    training = {**scenario, "arguments": arguments}
+    mixed = {**scenario, "arguments": [*arguments, "--network.precision", "bfloat16"]}
     module = "benchmarks.measure_memory"
+    peak, in_bfloat16 = f"{module}:peak_of_training", TRAINING_MEMORY + IN_BFLOAT16
     return [
-        Contestant(THREE_VS_ONE, TRAINING_MEMORY, f"{module}:peak_of_training", training),
+        Contestant(THREE_VS_ONE, TRAINING_MEMORY, peak, training),
+        Contestant(THREE_VS_ONE, in_bfloat16, peak, mixed),
         Contestant(THREE_VS_ONE, STORED_FRAME, f"{module}:stored_frame", scenario),
     ]
 

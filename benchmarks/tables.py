@@ -114,6 +114,8 @@ def _training(result: SectionResults) -> str:
         ("fbrl is faster by", FBRL, FRAMES, PEER),
         (f"{on_ours}, frames/s", on_ours, FRAMES),
         ("fbrl is faster by", FBRL, FRAMES, on_ours),
+        ("fbrl in bfloat16, frames/s", FBRL + sections.IN_BFLOAT16, FRAMES),
+        (f"it is faster than {PEER} by", FBRL + sections.IN_BFLOAT16, FRAMES, PEER),
     ]
     return _by_case(result, "training", columns)
 

@@ -79,6 +79,13 @@ def targets() -> Iterator[Target]:
             at_least=2.7 if network == "cnn" else 5.0,
             peer=sections.PEER,
         )
+        if network == "cnn":
+            yield Target(
+                "the same with fbrl's CNN in bfloat16, the peer's in float32",
+                *("training", case, sections.FBRL + sections.IN_BFLOAT16, FRAMES),
+                at_least=2.7,
+                peer=sections.PEER,
+            )
     for network in ("cnn", "mlp"):
         case = sections.training_case(THREE_VS_ONE, network)
         yield Target(
@@ -95,6 +102,12 @@ def targets() -> Iterator[Target]:
     yield Target(
         "peak memory of fbrl-train with 8 matches and the CNN",
         *("memory", THREE_VS_ONE, sections.TRAINING_MEMORY, "megabytes"),
+        at_most=1200,
+        unit=" MB",
+    )
+    yield Target(
+        "the same with the CNN in bfloat16",
+        *("memory", THREE_VS_ONE, sections.TRAINING_MEMORY + sections.IN_BFLOAT16, "megabytes"),
         at_most=1200,
         unit=" MB",
     )

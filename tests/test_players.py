@@ -16,7 +16,7 @@ from torchrl.envs.utils import check_env_specs
 
 import fbrl.transforms.players
 from fbrl.envs import ACTION_NAMES, OBSERVATION_SPACE, FootballEnv, make_env
-from fbrl.transforms import PLAYERS_FEATURES, ActionMemory, Players
+from fbrl.transforms import PLAYERS_FEATURES, ActionMemory, EngineActionMask, Players
 
 NAMES = list(PLAYERS_FEATURES)
 
@@ -224,3 +224,20 @@ def test_batched_environments_hand_the_memory_on():
     assert torch.equal(data["action_memory"][:, 1:, 0], last)
     told = data["players"][..., [NAMES.index(f"last_{name}") for name in ACTION_NAMES]]
     assert torch.equal(told.sum(-1), (data["action_memory"][..., 0] >= 0).float())
+
+
+def test_a_compose_in_a_compose_remembers_the_same():
+    nested = make_env(
+        "academy_empty_goal",
+        num_envs=2,
+        observation=Compose(Compose(ActionMemory(), Players()), EngineActionMask()),
+        seed=0,
+    )
+    flat = make_env("academy_empty_goal", num_envs=2, observation="players", seed=0)
+    assert nested.state_spec["action_memory"] == flat.state_spec["action_memory"]
+    actions = [torch.tensor([12, 5]), torch.tensor([5, 9])]
+    for env in (nested, flat):
+        state = env.reset()
+        for action in actions:
+            state = env.step_mdp(env.step(state.set("action", action)))
+        assert state["action_memory"].tolist() == [[5, 12, 1], [9, 9, 0]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 from tensordict import NestedKey, TensorDictBase
+from torchrl.data import Bounded
 
 from fbrl.transforms.memory import MemoryTransform
 from fbrl.transforms.raw_observation import Keys, check_keys
@@ -49,7 +50,7 @@ class ActionMemory(MemoryTransform):
         [[[12, 12, 0]], [[5, 12, 1]], [[5, 12, 2]]]
     """
 
-    memory_bounds = (_NONE, MAX_STEPS_SINCE_KICK)
+    memory_spec = Bounded(_NONE, MAX_STEPS_SINCE_KICK, shape=(3,), dtype=torch.int64)
 
     def __init__(self, in_keys: Keys = None, out_keys: Keys = None) -> None:
         super().__init__(in_keys=in_keys or ["action"], out_keys=out_keys or ["action_memory"])

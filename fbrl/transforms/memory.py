@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from abc import abstractmethod
 from collections.abc import Callable
 
@@ -28,8 +27,8 @@ class MemoryTransform(Transform):
     collectors and stored data all work alike.
     """
 
-    memory_bounds: tuple[int, int] | None = None
-    """The lowest and the highest number that is remembered, if there are such."""
+    memory_spec: Bounded | None = None
+    """Of what one match remembers under each key, where it is the same whatever is observed."""
 
     @property
     @abstractmethod
@@ -84,18 +83,21 @@ class MemoryTransform(Transform):
 
     def transform_state_spec(self, state_spec: Composite) -> Composite:
         """Adds the memory to what a step needs, so that batched environments hand it on."""
-        for key, spec in self._memory_specs(self.parent.full_observation_spec).items():
+        # TorchRL finds no parent within a Compose in a Compose.
+        around = self.parent.full_observation_spec if self.memory_spec is None else state_spec
+        for key, spec in self._memory_specs(around).items():
             state_spec[key] = spec
         return state_spec
 
-    def _memory_specs(self, observation_spec: Composite) -> dict[NestedKey, TensorSpec]:
-        first = zeros_of(observation_spec, self.in_keys)
+    def _memory_specs(self, around: Composite) -> dict[NestedKey, TensorSpec]:
+        if self.memory_spec is not None:
+            spec = self.memory_spec.expand(*around.shape, *self.memory_spec.shape)
+            spec = spec if around.device is None else spec.to(around.device)
+            return dict.fromkeys(self.memory_keys, spec)
+        first = zeros_of(around, self.in_keys)
         self.begin(first)
-        kind = Unbounded
-        if self.memory_bounds is not None:
-            kind = functools.partial(Bounded, *self.memory_bounds)
         return {
-            key: kind(shape=value.shape, dtype=value.dtype, device=value.device)
+            key: Unbounded(shape=value.shape, dtype=value.dtype, device=value.device)
             for key, value in ((key, first.get(key)) for key in self.memory_keys)
         }
 

@@ -74,7 +74,6 @@ class MiniMapCells(MemoryTransform):
         (True, -1, (70, 95))
     """
 
-    memory_bounds = (ABSENT, NUM_CELLS - 1)
     _entries: tuple[str, ...] = ("minimap_cells",)
 
     def __init__(self, num_frames: int = 4, in_keys: Keys = None, out_keys: Keys = None) -> None:
@@ -84,6 +83,9 @@ class MiniMapCells(MemoryTransform):
         )
         check_keys(self, _FIELDS, self._entries)
         self.num_frames = check_count("num_frames", num_frames)
+        self.memory_spec = Bounded(
+            ABSENT, NUM_CELLS - 1, (self.num_frames, CELLS_PER_FRAME), dtype=torch.int16
+        )
 
     @property
     def memory_keys(self) -> tuple[NestedKey, ...]:
