@@ -24,9 +24,9 @@ class Agent:
     """A trained network and what it was trained with."""
 
     config: TrainConfig
-    """Of the training."""
+    """How it was trained."""
     frames: int
-    """That it was trained on."""
+    """Frames that it was trained on."""
     model: ActorCritic
     """The network, on the device that was asked for."""
     run_dir: Path | None = None

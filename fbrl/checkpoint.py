@@ -34,8 +34,7 @@ def save_checkpoint(path: Path, *, keep_as: Path | None = None, **content: Any) 
     Args:
         path: File to write or replace; its directory is made.
         keep_as: Where the file that is replaced goes; by default it is deleted.
-        content: Tensors, numbers, strings, and lists and dictionaries of them; a ``TypeError`` for
-            anything else, which could not be read back.
+        content: Tensors, numbers, strings, and lists and dictionaries of them.
 
     Raises:
         TypeError: There is something else in it, which could not be read back.

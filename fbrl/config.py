@@ -112,7 +112,7 @@ class TrainConfig:
     """Everything that decides how a training goes; see :mod:`fbrl.presets` for where to begin.
 
     What it is made of is named: by one of fbrl's names, one that an installed package adds, or
-    ``module:Class``, see :class:`fbrl.components.Registry`. Options that are not given are those of
+    ``module:Class``, see :class:`fbrl.registry.Registry`. Options that are not given are those of
     the component itself.
     """
 

@@ -110,8 +110,8 @@ class Registry:
     def options(self, name: str) -> Any:
         """A dataclass of the options that a component has.
 
-        fbrl's own are described in this module. Of others they are the arguments of what is called
-        that are numbers, texts, flags or lists of them. Raises what :meth:`load` raises.
+        fbrl's own are described in :mod:`fbrl.components`. Of others they are the arguments of what
+        is called that are numbers, texts, flags or lists of them. Raises what :meth:`load` raises.
         """
         if name in self.built_in:
             return self.built_in[name].options
@@ -212,7 +212,7 @@ def _options_of(component: Callable[..., Any]) -> Any:
         ) from error
     options: list[Any] = []
     for name, parameter in inspect.signature(component).parameters.items():
-        # The first two come from the training, so that a run has one of each.
+        # These two come from the training, so that a run has one of each.
         if name in ("gamma", "observation_shape") or not is_plain(hints.get(name)):
             continue
         default = MISSING if parameter.default is parameter.empty else parameter.default

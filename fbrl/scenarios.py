@@ -101,9 +101,9 @@ SCENARIO_GROUPS: dict[str, tuple[str, ...]] = {
         "11_vs_11_stochastic",
     ),
 }
-"""Names for several scenarios at once. The thesis (*Enhancing football simulation performance in
-deep reinforcement learning through analytics-based dense reward shaping*, University of Groningen)
-calls the last of its own medium."""
+"""Names for several scenarios at once: those of the academy, and those of the thesis (*Enhancing
+football simulation performance in deep reinforcement learning through analytics-based dense reward
+shaping*, University of Groningen), where the last one is called medium."""
 
 
 def expand_scenarios(names: Iterable[str]) -> list[str]:

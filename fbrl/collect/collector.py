@@ -116,8 +116,9 @@ class AheadCollector(BatchCollector):
     """Collects the next batch in a thread while the present one is learned from.
 
     What is learned from was therefore collected with the weights of one update before: its
-    log-probabilities are those weights', so that PPO's ratio is right, but does not begin at 1. The
-    threads' timing decides the order of the random numbers, so that no two trainings are equal.
+    log-probabilities are those weights', so that PPO's ratio is right, but does not begin at 1. It
+    pays where a GPU learns while the cores would be idle. The threads' timing decides the order of
+    the random numbers, so that no two trainings are equal.
 
     Args:
         make_collector: Makes what collects, with a policy.
@@ -172,7 +173,7 @@ class AheadCollector(BatchCollector):
         self._collector.load_state_dict(state)
 
     def close(self) -> None:
-        """See :meth:`BatchCollector.close`."""
+        """See :meth:`BatchCollector.close`; waits until no match is being played any more."""
         self._thread.shutdown()
         self._collector.close()
 

@@ -93,22 +93,20 @@ def _connect(num_cpus: int | None) -> None:
 
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     address = os.environ.get(ADDRESS_VARIABLE)
-    if address != "local":
+    if address not in (None, "auto", "local"):
+        host, _, port = address.rpartition(":")
         try:
-            if address not in (None, "auto"):
-                # Asks what Ray asks for minutes.
-                host, _, port = address.rpartition(":")
-                socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+            # Asks what Ray asks for minutes.
+            socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+        except (OSError, ValueError) as error:
+            raise ConfigError(_unreachable(address, error)) from error
+    try:
+        if address != "local":
             ray.init(address="auto", **quiet)
             return
-        except (OSError, ValueError) as error:
-            if address:
-                reason = str(error).splitlines()[0]
-                raise ConfigError(
-                    f"The Ray cluster at {ADDRESS_VARIABLE}={address} can't be reached ({reason})."
-                ) from error
-            if not isinstance(error, ConnectionError):
-                raise
+    except ConnectionError as error:
+        if address:
+            raise ConfigError(_unreachable(address, error)) from error
     from ray._private import ray_constants
 
     # As on Windows and macOS, where Ray keeps to the loopback interface. It has no option for it,
@@ -118,6 +116,11 @@ def _connect(num_cpus: int | None) -> None:
         ray.init(address="local", num_cpus=num_cpus, include_dashboard=False, **quiet)
     finally:
         ray_constants.ENABLE_RAY_CLUSTER = True
+
+
+def _unreachable(address: str, error: Exception) -> str:
+    reason = str(error).splitlines()[0]
+    return f"The Ray cluster at {ADDRESS_VARIABLE}={address} can't be reached ({reason})."
 
 
 def workers_and_cpus(config: TrainConfig) -> tuple[int, int]:

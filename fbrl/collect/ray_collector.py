@@ -75,8 +75,8 @@ class RayMatchCollector(BatchCollector):
         policy: Its weights are sent before each batch; it may be on any device.
         reward: Computed by the workers.
         seed: Of the matches and the choice of actions.
-        timeout: Seconds after which a worker that does not answer is replaced, while it plays or
-            not; 0 for never.
+        timeout: Seconds after which a worker that does not answer is replaced; 0 for never. A
+            worker answers while it plays, however long a batch takes.
         on_restart: Called with one line about each worker that is replaced.
 
     Attributes:

@@ -73,7 +73,7 @@ class MatchCollector(Collector):
         return f"process {os.getpid()} on node {ray.util.get_node_ip_address()}"
 
 
-# What these import imports this module itself, so that they can do so in a worker only.
+# fbrl.assembly leads back to this module, so that these import it when they are called.
 
 
 def make_matches(

@@ -141,7 +141,7 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
     def get_state(self) -> dict[str, Any]:
         """The state of the running match, and of what the next ones begin with.
 
-        Numbers, strings and bytes; 30 to 80 KB. A ``RuntimeError`` if no match is running.
+        Numbers, strings and bytes; 30 to 80 KB.
 
         Raises:
             RuntimeError: The episode has not begun or has ended, or the environment is closed.

@@ -36,7 +36,7 @@ class MatchState:
     seed: int
     """Engine seed that the episode began with."""
     episode_number: int
-    """Its number."""
+    """The episode's number."""
     engine: bytes
     """The engine's own state, its random numbers included; 30 to 80 KB."""
     waiting_steps: int
@@ -44,7 +44,7 @@ class MatchState:
     previous_score_difference: int
     """Goals for minus goals against after the last step."""
     previous_game_mode: int
-    """Its game mode; -1 before the first step."""
+    """The game mode after the last step; -1 before the first one."""
     previous_ball_owned_team: int
     """The team that had the ball last; -1 if none had."""
 
@@ -165,7 +165,7 @@ class Matches:
         return MatchState(seed, number, **self.native.state(match))
 
     def set_state(self, match: int, state: MatchState) -> None:
-        """Goes on from a state, see :meth:`prepare_state`; a ``ValueError`` if it is none."""
+        """Goes on from a state; what is none raises what :meth:`prepare_state` does."""
         self.prepare_state(match, state)
         self.begin([match])
 

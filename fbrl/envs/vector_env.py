@@ -152,6 +152,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
                 (num_envs,).
             RuntimeError: A match has not begun or has ended, or the environment is closed.
         """
+        self._check_open()
         actions = arguments.check_actions(actions, self.num_envs, self._num_actions)
         self._check_running("step()")
         self._matches.step(range(self.num_envs), actions.tolist())
@@ -212,7 +213,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         Raises:
             RuntimeError: A match has not begun or has ended.
         """
-        self._check_running("get_state()")
+        self._check_running("match_states()")
         return [self._matches.get_state(index) for index in range(self.num_envs)]
 
     def disturb(self, disturbance: Any) -> None:
@@ -237,13 +238,15 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         Raises:
             RuntimeError: A match has not begun or has ended.
         """
+        self._check_running("get_state()")
+        states = self.match_states()
         return [
             {
                 "match": dataclasses.asdict(match),
                 "episodes": self._episodes[index].get_state(),
                 "begun_midway": bool(self.begun_midway[index]),
             }
-            for index, match in enumerate(self.match_states())
+            for index, match in enumerate(states)
         ]
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> Observation:

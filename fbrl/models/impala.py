@@ -34,14 +34,14 @@ class ImpalaCNN(nn.Module):
 
     Minimap cells are drawn as planes first, on the device. In bfloat16, PyTorch's mixed precision,
     parameters and features stay what they are and what lies between takes half the memory; on
-    CPUs with AMX and on GPUs it takes about half the time. Others compute it more slowly.
+    CPUs with AMX and on GPUs it takes about half the time, on CPUs without AMX more.
 
     Args:
         observation_shape: of what is read: cells (frames, 24), int16; planes (4 * frames, 72, 96)
             or a picture (3, height, width), uint8.
         num_features: size of the output.
-        precision: ``"float32"`` or ``"bfloat16"``.
         device: where the parameters live.
+        precision: ``"float32"`` or ``"bfloat16"``.
 
     Raises:
         ValueError: It is another shape, or the precision is unknown.
@@ -58,8 +58,8 @@ class ImpalaCNN(nn.Module):
         self,
         observation_shape: Sequence[int] = (4, CELLS_PER_FRAME),
         num_features: int = 256,
-        precision: Precision = "float32",
         device: torch.device | str | None = None,
+        precision: Precision = "float32",
     ) -> None:
         super().__init__()
         if precision not in get_args(Precision):

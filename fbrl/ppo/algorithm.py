@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 _CRITIC_LOSSES = {"l2": "l2", "huber": "smooth_l1"}
 """TorchRL's names of them."""
 
-_DECAY = 0.99
-"""Of a batch's weight with each later one."""
+_REWARD_SCALE_DECAY = 0.99
+"""Of a batch's weight in the scale of the rewards, with each later batch."""
 
 
 class PPO:
@@ -170,8 +170,9 @@ class RewardScale:
         following = batch.get("next")
         returns = reward2go(following.get("reward"), following.get("done"), self._gamma)
         square = float(returns.double().square().mean())
-        self._square = _DECAY * self._square + (1 - _DECAY) * square
-        self._weight = _DECAY * self._weight + 1 - _DECAY
+        decay = _REWARD_SCALE_DECAY
+        self._square = decay * self._square + (1 - decay) * square
+        self._weight = decay * self._weight + 1 - decay
         return math.sqrt(self._square / self._weight) or 1.0
 
     def state_dict(self) -> dict[str, float]:

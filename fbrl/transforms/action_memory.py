@@ -68,7 +68,12 @@ class ActionMemory(MemoryTransform):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         _, kick, steps = self._before(tensordict)[0].unbind(-1)
-        action = tensordict[self.in_keys[0]]
+        action = tensordict.get(self.in_keys[0], None)
+        if action is None:
+            raise KeyError(
+                f"ActionMemory found no {self.in_keys[0]!r} in the tensordict that was stepped, "
+                f"which has {sorted(map(str, tensordict.keys()))}. A policy writes it."
+            )
         is_kick = (action >= KICKS[0]) & (action <= KICKS[-1])
         kick = torch.where(is_kick, action, kick)
         steps = (steps + 1).clamp_(max=MAX_STEPS_SINCE_KICK).masked_fill_(is_kick, 0)

@@ -175,6 +175,7 @@ class AssistDensityReward(ShapedReward):
         if not self._stored_memory_is_valid:
             return super()._memory_before(first, observation, scoring, done, time)
         if self.transition == "consecutive":
+            # Each step's own root has the controlled player before it.
             return first
         lost = ball_lost(observation)
         changes = in_control(observation) | lost

@@ -46,7 +46,8 @@ class MemoryTransform(Transform):
             entry = tensordict.get(key, None)
             if entry is None:
                 raise KeyError(
-                    f"{type(self).__name__} found no {key!r} in the tensordict that was stepped. "
+                    f"{type(self).__name__} found no {key!r} in the tensordict that was stepped, "
+                    f"which has {sorted(map(str, tensordict.keys()))}. "
                     "Step what env.reset() or step_mdp() of the previous step returned, with that "
                     "entry kept."
                 )
@@ -83,7 +84,8 @@ class MemoryTransform(Transform):
 
     def transform_state_spec(self, state_spec: Composite) -> Composite:
         """Adds the memory to what a step needs, so that batched environments hand it on."""
-        # TorchRL finds no parent within a Compose in a Compose.
+        # TorchRL finds no parent within a Compose in a Compose: where nothing observed decides on
+        # the spec it does without.
         around = self.parent.full_observation_spec if self.memory_spec is None else state_spec
         for key, spec in self._memory_specs(around).items():
             state_spec[key] = spec
@@ -127,12 +129,12 @@ def memory_before_steps(
 def latest_before_steps(
     first: Tensor, ended: Tensor, value: Tensor, changes: Tensor, time: int
 ) -> Tensor:
-    """The same of what some steps change and others leave, for all steps at once.
+    """The memory before each step of what only some steps change, for all steps at once.
 
     Args:
         first: as for :func:`memory_before_steps`.
         ended: likewise.
-        value: what it is after a step that changes it.
+        value: what a step that changes it makes of it.
         changes: boolean, which steps do.
         time: dimension along which the steps follow each other.
     """

@@ -42,7 +42,8 @@ def frame_cells(
         player, as :class:`~fbrl.transforms.MiniMapCells` writes them.
 
     Raises:
-        ValueError: if ``active`` is no index of the left team; on a GPU a device's error instead.
+        ValueError: if ``active`` is neither -1 nor an index of the left team; on a GPU a device's
+            error instead.
     """
     low, extent, size, last = _grid(ball.device)
     points = torch.cat([left_team, right_team, ball[..., None, :2]], -2)

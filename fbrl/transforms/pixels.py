@@ -96,14 +96,17 @@ class Pixels(RawObservationTransform):
 
     def compute(self, *fields: Tensor) -> Tensor:
         """Returns the pictures (*batch, 3, height, width)."""
-        *of_teams, ball, ball_direction, active = fields
+        left, left_movement, left_active, right, right_movement, right_active, *others = fields
+        ball, ball_movement, active = others
         batch, device = active.shape, active.device
         picture = _Picture(batch.numel(), self.height, self.width, device)
         left, left_movement, right, right_movement = (
-            of_teams[index].reshape(-1, 11, 2) for index in (0, 1, 3, 4)
+            field.reshape(-1, 11, 2) for field in (left, left_movement, right, right_movement)
         )
-        left_plays, right_plays = (of_teams[index].reshape(-1, 11) == 1 for index in (2, 5))
-        ball, ball_movement = ball.reshape(-1, 1, 3), ball_direction.reshape(-1, 1, 3)
+        left_plays, right_plays = (
+            field.reshape(-1, 11) == 1 for field in (left_active, right_active)
+        )
+        ball, ball_movement = ball.reshape(-1, 1, 3), ball_movement.reshape(-1, 1, 3)
         ball_plays = torch.ones_like(ball[..., 0], dtype=torch.bool)
         is_controlled = torch.arange(11, device=device) == active.reshape(-1, 1)
 

@@ -78,7 +78,10 @@ class PlayStatistics(MemoryTransform):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         memory, totals = self._before(tensordict)
-        for key, entry, size in (("play_statistics", totals, 6), ("play_memory", memory, 2)):
+        for key, entry, size in (
+            ("play_statistics", totals, len(PLAY_STATISTICS)),
+            ("play_memory", memory, 2),
+        ):
             if entry.shape[-1:] != (size,):
                 raise ValueError(
                     f"{key!r} has shape {tuple(entry.shape)}; expected (..., {size}), as "
