@@ -178,8 +178,9 @@ def paper_goal_difference(log: RunLog, frames: int) -> float | None:
 
 def _read_columns(path: Path) -> Columns:
     try:
-        table = read_csv_table(path)
+        # Before the table: a training that writes on may make a torn last line whole meanwhile.
         is_whole = path.read_bytes().endswith(b"\n")
+        table = read_csv_table(path)
     except FileNotFoundError as error:
         raise RunLogError(f"{path} is missing, so the run has logged nothing.") from error
     except OSError as error:

@@ -36,21 +36,21 @@ def _imported(name: str) -> str:
     return name
 
 
-def number_in(kind: type, low: float, high: float, range_: str, name: str = "") -> Any:
+def number_in(kind: type, low: float, high: float, allowed: str, name: str = "") -> Any:
     """A function that reads a number of a range, for argparse's ``type``.
 
     Args:
         kind: ``int`` or ``float``.
         low: The least.
         high: The greatest.
-        range_: What argparse says that another number is not.
+        allowed: The range in words, as in "-1 is not in [0, 5]".
         name: What it calls a text that is no number at all; "integer" or "number" by default.
     """
 
     def read(text: str) -> Any:
         value = kind(text)
         if not low <= value <= high:  # as NaN isn't
-            raise argparse.ArgumentTypeError(f"{text} is not {range_}")
+            raise argparse.ArgumentTypeError(f"{text} is not {allowed}")
         return value
 
     read.__name__ = name or {int: "integer", float: "number"}[kind]

@@ -50,7 +50,7 @@ def add_pass_options(parser: argparse.ArgumentParser) -> None:
         help=f"{names} (default: regular-play, or all for a table without play_pattern)",
     )
     populations = "; ".join(f"{name}: {text}" for name, text in POPULATIONS.items())
-    add("--passes", choices=list(POPULATIONS), default=DEFAULT_POPULATION, help=f"{populations}")
+    add("--passes", choices=list(POPULATIONS), default=DEFAULT_POPULATION, help=populations)
     add("--exclude-crosses", action="store_true", help="leave out crosses")
     add(
         "--min-x", type=float, metavar="X", help="least x of the start, 0 to 120 (60: halfway line)"

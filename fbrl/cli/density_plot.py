@@ -137,12 +137,13 @@ def _play(options: argparse.Namespace) -> NDArray[np.float64]:
     from fbrl.evaluation.possession import ball_positions
     from fbrl.figures.positions import write_positions
 
+    wanted = options.episodes
     with playing(PROGRAM), ProgressDisplay() as display:
         positions = ball_positions(
             options.run,
-            options.episodes,
+            wanted,
             seed=options.seed,
-            on_progress=lambda done: display.show("Playing", done, options.episodes, "matches"),
+            on_progress=lambda done: display.show("Playing", min(done, wanted), wanted, "matches"),
         )
     if not len(positions):
         raise ValueError(f"The agent of {options.run} never had the ball in these matches.")

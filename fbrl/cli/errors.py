@@ -1,4 +1,4 @@
-"""How the commands end: on bad usage, bad input, signals, matches that hang, and broken output."""
+"""The commands' parsers, and how they end: bad usage or input, signals, hangs, broken output."""
 
 from __future__ import annotations
 

@@ -63,8 +63,11 @@ def _tables(
         "passes": _text("{passes:.2f}"),
         "shots": _text("{shots:.2f}"),
     }
-    for part in (name for row in results for name in row if name.startswith(_REWARD_PART)):
-        play[part.removeprefix(_REWARD_PART).replace("_", " ")] = _number(part, "+.4f")
+    names = dict.fromkeys(name for row in results for name in row)
+    for part in (name for name in names if name.startswith(_REWARD_PART)):
+        heading = part.removeprefix(_REWARD_PART).replace("_", " ")
+        # A part of one's own may be called what a statistic is.
+        play[heading if heading not in who | play else f"reward {heading}"] = _number(part, "+.4f")
     seeds = {
         "configuration": _text("{configuration}"),
         "actions": _actions,
@@ -79,19 +82,20 @@ def _tables(
         "probability": _interval("probability", ".2f"),
     }
     trainings = {"run": _text("{policy}"), "frames": _text("{frames:,}")}
-    for row in training[:1]:
-        reached, kept = row["threshold"], row["threshold"] - row["tolerance"]
-        until = f"frames until {reached:g} was reached and {kept:g} kept"
-        trainings[until] = _number("frames_until_threshold", ",", missing="never")
-    last = "goal difference of the last 100 training matches"
-    trainings[last] = _number("paper_goal_difference", "+.3f")
-    more = "Probability that a seed of the first scores more than one of the second"
+    if training:
+        reached = training[0]["threshold"]
+        kept = reached - training[0]["tolerance"]
+        heading = f"frames until {reached:g} was reached and {kept:g} kept"
+        trainings[heading] = _number("frames_until_threshold", ",", missing="never")
+    heading = "goal difference of the last 100 training matches"
+    trainings[heading] = _number("paper_goal_difference", "+.3f")
+    improvement = "Probability that a seed of the first scores more than one of the second"
     interval = "95 % interval"
     return [
         (f"Goals per match (mean, {interval})", results, who | goals),
         ("Play per match (means)", results, who | play),
         (f"Goal difference over seeds (interquartile mean, {interval})", report["seeds"], seeds),
-        (f"{more} ({interval})", report["improvements"], pairs),
+        (f"{improvement} ({interval})", report["improvements"], pairs),
         ("Training (from its log)", training, trainings),
     ]
 

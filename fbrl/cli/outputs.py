@@ -43,8 +43,9 @@ class ProgressDisplay:
             transient=True,
             disable=not self.screen.is_terminal,
         )
-        self._tasks: dict[str, TaskID] = {}
-        self._shown = ""
+        # Each with how much of it was done.
+        self._tasks: dict[str, tuple[TaskID, int]] = {}
+        self._shown: TaskID | None = None
 
     def __enter__(self: Display) -> Display:
         self._bar.start()
@@ -78,12 +79,14 @@ class ProgressDisplay:
             always: Print the line in any case.
         """
         counted = f"{done:,} {status}" if total is None else f"{done:,}/{total:,} {status}"
-        if what != self._shown and self._shown in self._tasks:
-            self._bar.update(self._tasks[self._shown], visible=False)
-        self._shown = what
-        if what not in self._tasks:
-            self._tasks[what] = self._bar.add_task(what, status="")
-        task = self._tasks[what]
+        task, done_before = self._tasks.get(what, (None, 0))
+        if task is None or done < done_before:
+            # Begun again, as the next evaluation is: its time is its own.
+            task = self._bar.add_task(what, total=total, status="")
+        self._tasks[what] = task, done
+        if self._shown is not None and self._shown != task:
+            self._bar.update(self._shown, visible=False)
+        self._shown = task
         self._bar.update(task, completed=done, total=total, status=counted, visible=True)
         seconds = time.monotonic() - self._last_line
         if always or (not self.screen.is_terminal and seconds >= self._seconds_between_lines):

@@ -77,9 +77,14 @@ def _train(config: TrainConfig, resume: bool) -> TrainResult:
     try:
         with display:
             result = train(config, listener, resume=resume)
-    except (CheckpointError, ConfigError, UnknownNameError, ScenarioError) as error:
-        fail(PROGRAM, error)
-    except (EngineNotInstalledError, OSError) as error:
+    except (
+        CheckpointError,
+        ConfigError,
+        EngineNotInstalledError,
+        OSError,
+        ScenarioError,
+        UnknownNameError,
+    ) as error:
         fail(PROGRAM, error)
     except (TrainingNotSavedError, MatchWorkersError) as error:
         fail(PROGRAM, f"{error} {_going_on(display.run_dir, config)}", exit_code=FAILED)

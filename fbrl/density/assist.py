@@ -27,6 +27,10 @@ DEFAULT_FILE = "open_play_assists_2015_16.npz"
 _REFIT = "Fit a new one with `fbrl-density fit`."
 
 
+class _NewerFormatError(ValueError):
+    """Raised for a file that is whole, but of a later fbrl."""
+
+
 @dataclasses.dataclass(frozen=True)
 class DensityMetadata:
     """Where a pair of densities comes from.
@@ -184,6 +188,8 @@ def _read(file: IO[bytes], name: str) -> AssistDensity:
             f"{name} is not a readable density file ({error}): truncated, or another format. "
             f"{_REFIT}"
         ) from error
+    except _NewerFormatError as error:
+        raise ValueError(f"{name}: {error}") from error
     except (ValueError, TypeError) as error:
         raise ValueError(f"{name}: {error} {_REFIT}") from error
 
@@ -200,7 +206,7 @@ def _density_of(entries: Mapping[str, NDArray[Any]]) -> AssistDensity:
         raise ValueError(f"its metadata does not say format {FORMAT!r}.")
     version = header.get("version")
     if not isinstance(version, int) or version > FORMAT_VERSION:
-        raise ValueError(
+        raise _NewerFormatError(
             f"it has format version {version!r}; this fbrl reads up to {FORMAT_VERSION}. Upgrade "
             "fbrl (`pip install -U fbrl`)."
         )

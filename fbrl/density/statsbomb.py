@@ -159,13 +159,14 @@ class StatsBombSource:
             names = {row["competition_name"] for row in listed}
             check_name("competition", competition, sorted(names))
         choices = {
-            f"{row['competition_id']} ({row['country_name']}, {row['competition_gender']})"
+            row["competition_id"]: f"{row['competition_id']} ({row['country_name']}, "
+            f"{row['competition_gender']})"
             for row in found
         }
         if len(choices) > 1:
             raise ValueError(
                 f"Several competitions are called {competition!r}: give one of the numbers "
-                f"{', '.join(sorted(choices))}."
+                f"{', '.join(sorted(choices.values()))}."
             )
         seasons = _named(found, "season", season)
         if not seasons:

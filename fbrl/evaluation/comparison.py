@@ -241,8 +241,8 @@ def improvements(pooled: Sequence[PooledSeeds]) -> list[tuple[PooledSeeds, Poole
 def training_row(evaluated: EvaluatedPolicy, threshold: float, tolerance: float) -> Row | None:
     """What the log of a training says of its convergence; None where there is no log.
 
-    The goal difference that is to be reached and kept, and how far it may fall below that
-    afterwards, are those of :func:`fbrl.analysis.run_log.frames_until`.
+    It is ``frames_until_threshold``, as :func:`fbrl.analysis.run_log.frames_until` finds them with
+    this threshold and tolerance, and ``paper_goal_difference``, the figure at the training's end.
 
     Raises:
         RunLogError: The log is damaged.
@@ -269,7 +269,7 @@ def _is_pretrained(evaluated: EvaluatedPolicy) -> bool:
 def _groups(policies: Sequence[EvaluatedPolicy], always: Sequence[str] = ()) -> list[RunGroup]:
     runs, frames = [], []
     for evaluated in policies:
-        # One that comes along was chosen from several, which is no fair seed among others.
+        # A pretrained agent was chosen from several seeds: it is no fair one among others.
         if evaluated.config and evaluated.frames is not None and not _is_pretrained(evaluated):
             runs.append(RunLog(Path(evaluated.name), evaluated.config))
             frames.append(evaluated.frames)

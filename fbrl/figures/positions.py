@@ -12,7 +12,8 @@ from fbrl.files.csv_table import as_number, read_csv_table
 
 def write_positions(path: str | os.PathLike[str], positions: NDArray[np.float64]) -> None:
     """Writes positions as a CSV table with the columns x and y in pitch units."""
-    np.savetxt(path, positions, "%.5f", delimiter=",", newline="\r\n", header="x,y", comments="")
+    with open(path, "w", newline="") as file:
+        np.savetxt(file, positions, "%.5f", ",", newline="\r\n", header="x,y", comments="")
 
 
 def read_positions(path: str | os.PathLike[str]) -> NDArray[np.float64]:

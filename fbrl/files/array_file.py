@@ -17,7 +17,8 @@ class ArrayFileError(ValueError):
 def read_arrays(file: IO[bytes], largest: int) -> dict[str, NDArray[Any]]:
     """Reads all arrays of a ``.npz`` file. Runs no code from the file: pickles are refused.
 
-    One whose arrays have more than ``largest`` bytes is refused before it is unpacked.
+    One whose arrays have more than ``largest`` bytes is refused before it is unpacked: a few
+    kilobytes of zeros unpack to gigabytes.
 
     Raises:
         ArrayFileError: It can't be read, is no such file, is damaged, or is larger.

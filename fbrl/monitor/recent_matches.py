@@ -35,6 +35,7 @@ class RecentMatches:
         self._reward_keys = {"reward/total": EPISODE_PREFIX + "reward"} | {
             part.replace("reward_", "reward/", 1): EPISODE_PREFIX + part for part in reward_parts
         }
+        # Checkpoints hold the figures in this order, which is that of the table of scalars.
         of_match = [name for name in SCALARS if name.startswith("match/") and name != _COUNT]
         of_play = [name for name in SCALARS if name.startswith("play/")]
         self.names = (*of_match, *self._reward_keys, *of_play, _COUNT)

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from fbrl.training.run_checkpoints import RunCheckpoints
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
-"""What terminals and schedulers send to have a process end in order."""
+"""What terminals and schedulers send to have a process end in order; SIGUSR1 is Slurm's, with
+``--signal=USR1@60``."""
 
 HUNG = 1
 """Exit code of a process in which the engine hangs."""

@@ -40,6 +40,8 @@ def make_run_dir(config: TrainConfig) -> Path:
 def remove_false_start(run_dir: Path) -> None:
     """Removes what a training left that failed before its first checkpoint, but for the lock.
 
+    This process must hold the lock of the run's directory.
+
     Raises:
         ConfigError: It has something else in it.
         OSError: It can't be removed.

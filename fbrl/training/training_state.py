@@ -159,7 +159,7 @@ class TrainingState:
         """Goes on from what was saved; the monitor was given it before.
 
         After a crash since then, other matches and random numbers follow: the same ones would end
-        in the same crash. Other matches follow, too, where those that were saved can't be told.
+        in the same crash. Other matches follow, too, where none were saved, as of Ray's workers.
 
         Raises:
             CheckpointError: It is not that of such a training.
