@@ -65,7 +65,7 @@ def frames(run_dir):
         return 0
 
 
-def wait_until(condition, seconds=60):
+def wait_until(condition, seconds=300):
     give_up = time.monotonic() + seconds
     while not condition() and time.monotonic() < give_up:
         time.sleep(0.1)

@@ -49,8 +49,8 @@ def _as_array(name: str, values: Any, num_envs: int, kind: Any, in_words: str) -
         raise ValueError(f"{name}: {values!r} are rows which make no array.") from error
     if array.shape != (num_envs,) or not np.issubdtype(array.dtype, kind):
         raise ValueError(
-            f"{name}: the shape is {array.shape} and the dtype {array.dtype}; it must be "
-            f"{in_words} of shape ({num_envs},)."
+            f"{name} has shape {array.shape} and dtype {array.dtype}; it must be {in_words} of "
+            f"shape ({num_envs},)."
         )
     return array
 

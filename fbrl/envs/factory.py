@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
+from torch import Tensor
 from torchrl.data import Composite, TensorSpec, Unbounded
 from torchrl.data.utils import numpy_to_torch_dtype_dict
 from torchrl.envs import (
@@ -23,7 +24,7 @@ from fbrl.components import OBSERVATIONS, REWARDS
 from fbrl.envs.arguments import check_seed
 from fbrl.envs.observation import OBSERVATION_SPACE, select_space
 from fbrl.envs.vector_env import ActionSet, FootballVectorEnv
-from fbrl.transforms import PlayStatistics, ScoringReward
+from fbrl.transforms import PLAY_STATISTICS, PlayStatistics, ScoringReward
 
 EPISODE_PREFIX = "episode_"
 """``episode_reward``, ``episode_reward_scoring`` and so on: the sums over the episode so far."""
@@ -198,6 +199,33 @@ def make_env(
     if seed is not None:
         env.set_seed(seed)
     return env
+
+
+def figures_of_matches(ends: TensorDictBase, reward_names: Iterable[str]) -> dict[str, Tensor]:
+    """What there is to tell of matches that have ended, each float64 of shape (matches,).
+
+    Args:
+        ends: What their last steps led to, shape (matches,).
+        reward_names: Of the reward and its parts, whose sums over the match are told, too.
+
+    Returns:
+        ``goal_difference``, ``goals_for``, ``goals_against``, ``length`` (steps),
+        ``possession_share`` (of the steps after which somebody had the ball; NaN where nobody ever
+        had), ``passes``, ``shots``, and the sums by the names of the rewards.
+    """
+    totals = ends.get("play_statistics").to(torch.float64)
+    play = dict(zip(PLAY_STATISTICS, totals.unbind(-1), strict=True))
+    sums = {name: ends.get(EPISODE_PREFIX + name).double().squeeze(-1) for name in reward_names}
+    return {
+        "goal_difference": play["goals_for"] - play["goals_against"],
+        "goals_for": play["goals_for"],
+        "goals_against": play["goals_against"],
+        "length": ends.get(EPISODE_LENGTH).double().squeeze(-1),
+        "possession_share": play["possession"] / (play["possession"] + play["opponent_possession"]),
+        "passes": play["passes"],
+        "shots": play["shots"],
+        **sums,
+    }
 
 
 def raw_keys_of(transforms: Iterable[Transform]) -> set[str]:

@@ -13,8 +13,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from fbrl.checks.counts import check_count
-from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
-from fbrl.transforms import PLAY_STATISTICS
+from fbrl.envs.factory import figures_of_matches
 
 Policy = Callable[[TensorDictBase], TensorDictBase]
 
@@ -106,15 +105,19 @@ def evaluate(
         ValueError: No match is asked for, or the actions are none.
         TypeError: The number of matches is no integer, or the environment or the policy is none.
     """
-    figures: list[dict[str, float]] = []
+    figures: list[dict[str, torch.Tensor]] = []
+    num_ended = 0
     for following, counted in play_matches(env, policy, episodes, greedy=greedy, device=device):
         if on_step is not None:
             on_step(following, counted)
         ended = following.get("done").squeeze(-1) & counted
-        figures += [_figures(following[index], env) for index in ended.nonzero().squeeze(-1)]
+        if ended.any():
+            figures.append(figures_of_matches(following[ended], env.reward_keys))
+            num_ended += int(ended.sum())
         if on_progress is not None:
-            on_progress(len(figures))
-    return Evaluation({name: np.array([match[name] for match in figures]) for name in figures[0]})
+            on_progress(num_ended)
+    matches = {name: torch.cat([ends[name] for ends in figures]) for name in figures[0]}
+    return Evaluation({name: values.cpu().numpy() for name, values in matches.items()})
 
 
 @torch.no_grad()
@@ -158,19 +161,3 @@ def play_matches(
         following, counted = step.get("next"), left > 0
         yield following, counted
         left -= (following.get("done").squeeze(-1) & counted).long()
-
-
-def _figures(match: TensorDictBase, env: EnvBase) -> dict[str, float]:
-    totals = match.get("play_statistics").tolist()
-    play = dict(zip(PLAY_STATISTICS, totals, strict=True))
-    with_ball = play["possession"] + play["opponent_possession"]
-    return {
-        "goal_difference": play["goals_for"] - play["goals_against"],
-        "goals_for": play["goals_for"],
-        "goals_against": play["goals_against"],
-        "length": match.get(EPISODE_LENGTH).item(),
-        "possession_share": play["possession"] / with_ball if with_ball else math.nan,
-        "passes": play["passes"],
-        "shots": play["shots"],
-        **{key: match.get(EPISODE_PREFIX + key).item() for key in env.reward_keys},
-    }

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 import torch
 from tensordict import TensorDictBase
-from torch import Tensor
 
 from fbrl.checks.counts import check_count
-from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX
+from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX, figures_of_matches
 from fbrl.monitor.scalars import SCALARS
-from fbrl.transforms import PLAY_STATISTICS
 
 MATCHES_IN_MEAN = 100
 """Matches that the means take in; the environment's paper uses 100."""
@@ -32,13 +30,18 @@ class RecentMatches:
     """
 
     def __init__(self, reward_parts: tuple[str, ...]) -> None:
-        self._reward_keys = {"reward/total": EPISODE_PREFIX + "reward"} | {
-            part.replace("reward_", "reward/", 1): EPISODE_PREFIX + part for part in reward_parts
+        rewards = {"reward/total": "reward"} | {
+            part.replace("reward_", "reward/", 1): part for part in reward_parts
         }
         # Checkpoints hold the figures in this order, which is that of the table of scalars.
         of_match = [name for name in SCALARS if name.startswith("match/") and name != _COUNT]
         of_play = [name for name in SCALARS if name.startswith("play/")]
-        self.names = (*of_match, *self._reward_keys, *of_play, _COUNT)
+        self._rewards = tuple(rewards.values())
+        self._figure_of = {
+            name: rewards.get(name, name.partition("/")[2])
+            for name in (*of_match, *rewards, *of_play)
+        }
+        self.names = (*self._figure_of, _COUNT)
         self._figures = np.empty((0, len(self.names) - 1))
         self._count = 0
 
@@ -51,26 +54,15 @@ class RecentMatches:
         if (begun_midway := following.get("begun_midway", None)) is not None:
             ended = ended & ~begun_midway
 
-        def at_the_end(key: str) -> Tensor:
-            return following.get(key)[ended].to(torch.float64).squeeze(-1)
-
-        goal_difference = at_the_end(EPISODE_PREFIX + "reward_scoring")
-        play = dict(zip(PLAY_STATISTICS, at_the_end("play_statistics").unbind(-1), strict=True))
-        figures = {
-            "match/goal_difference": goal_difference,
-            "match/goals_for": play["goals_for"],
-            "match/goals_against": play["goals_against"],
-            "match/win_share": (goal_difference > 0).double(),
-            "match/draw_share": (goal_difference == 0).double(),
-            "match/loss_share": (goal_difference < 0).double(),
-            "match/length": at_the_end(EPISODE_LENGTH),
-            **{name: at_the_end(key) for name, key in self._reward_keys.items()},
-            "play/possession_share": play["possession"]
-            / (play["possession"] + play["opponent_possession"]),
-            "play/passes": play["passes"],
-            "play/shots": play["shots"],
-        }
-        latest = torch.stack([figures[name] for name in self.names[:-1]], dim=-1).cpu().numpy()
+        sums = [EPISODE_PREFIX + name for name in self._rewards]
+        told = following.select("play_statistics", EPISODE_LENGTH, *sums)
+        figures = figures_of_matches(told[ended], self._rewards)
+        difference = figures["goal_difference"]
+        figures["win_share"] = (difference > 0).double()
+        figures["draw_share"] = (difference == 0).double()
+        figures["loss_share"] = (difference < 0).double()
+        latest = torch.stack([figures[figure] for figure in self._figure_of.values()], -1)
+        latest = latest.cpu().numpy()
         self._figures = np.concatenate([self._figures, latest])[-MATCHES_IN_MEAN:]
         self._count += len(latest)
 
