@@ -61,8 +61,8 @@ class RecentMatches:
         figures["win_share"] = (difference > 0).double()
         figures["draw_share"] = (difference == 0).double()
         figures["loss_share"] = (difference < 0).double()
-        latest = torch.stack([figures[figure] for figure in self._figure_of.values()], -1)
-        latest = latest.cpu().numpy()
+        columns = [figures[figure] for figure in self._figure_of.values()]
+        latest = torch.stack(columns, -1).cpu().numpy()
         self._figures = np.concatenate([self._figures, latest])[-MATCHES_IN_MEAN:]
         self._count += len(latest)
 
