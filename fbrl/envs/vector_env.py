@@ -239,14 +239,13 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             RuntimeError: A match has not begun or has ended.
         """
         self._check_running("get_state()")
-        states = self.match_states()
         return [
             {
-                "match": dataclasses.asdict(match),
+                "match": dataclasses.asdict(self._matches.get_state(index)),
                 "episodes": self._episodes[index].get_state(),
                 "begun_midway": bool(self.begun_midway[index]),
             }
-            for index, match in enumerate(states)
+            for index in range(self.num_envs)
         ]
 
     def set_state(self, states: Sequence[Mapping[str, Any]]) -> Observation:
