@@ -47,7 +47,9 @@ class EvaluatedPolicy:
         name: The path it was loaded from, or a baseline's name.
         policy: Reads the observation and writes ``action``.
         action_set: What ``policy`` chooses from.
-        config, frames, reward: How it was trained, how long, and with what; None for a baseline.
+        config: How it was trained; None for a baseline.
+        frames: Frames that it was trained on; None for a baseline.
+        reward: What it was trained with; None for a baseline.
     """
 
     name: str
