@@ -20,7 +20,7 @@ from benchmarks.rounds import REPOSITORY, WorkerError, run_rounds
 from benchmarks.sections import FULL, MEASURED_ONCE, QUICK, SECTIONS, Scale
 from benchmarks.tables import write_page
 from fbrl.allocator import reason_against_tcmalloc
-from fbrl.checks.memory import memory_limit
+from fbrl.checks import memory_limit
 
 _PACKAGES = (
     *("fbrl", "fbrl-engine", "torch", "torchrl", "tensordict", "gymnasium", "numpy"),

@@ -10,7 +10,7 @@ import torch
 
 from fbrl.assembly import make_model
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
-from fbrl.checks.counts import check_count
+from fbrl.checks import check_count
 from fbrl.config import ConfigError, TrainConfig
 from fbrl.config_json import config_from_dict, config_to_dict
 from fbrl.density.controls import BUILT_IN

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from fbrl.checks.names import check_name
+from fbrl.checks import check_name
 from fbrl.config import PPOConfig, TrainConfig
 from fbrl.registry import check_types
 from fbrl.scenarios import SCENARIOS

@@ -15,8 +15,7 @@ from dataclasses import MISSING, dataclass, field, fields, make_dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from fbrl.checks.field_types import FieldTypeError, check_field_types, is_plain
-from fbrl.checks.names import check_name
+from fbrl.checks import FieldTypeError, check_field_types, check_name, is_plain
 
 _named: set[str] = set()
 

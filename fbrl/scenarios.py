@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from fbrl.checks.names import check_name
+from fbrl.checks import check_name
 
 if TYPE_CHECKING:
     from fbrl.envs.vector_env import FootballVectorEnv

@@ -12,7 +12,7 @@ pytest.importorskip("mplsoccer")
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
-from fbrl.checks.extras import MissingExtraError
+from fbrl.checks import MissingExtraError
 from fbrl.density import AssistDensity, PositionDensity
 from fbrl.density.passes import Pass
 from fbrl.figures.files import save_figure

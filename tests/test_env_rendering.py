@@ -14,8 +14,7 @@ from gymnasium.wrappers import AddRenderObservation, HumanRendering, RecordVideo
 from gymnasium.wrappers.vector import RecordVideo as RecordVectorVideo
 
 import fbrl.envs.rendering
-from fbrl.checks.extras import MissingExtraError
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import MissingExtraError, UnknownNameError
 from fbrl.drawing.match_picture import BALL_COLOUR, CONTROLLED_COLOUR, MatchPicture
 from fbrl.envs import FootballEnv, FootballVectorEnv
 from fbrl.envs.engine import FIRST_EPISODE

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from fbrl.checks.extras import MissingExtraError, missing_packages
+from fbrl.checks import MissingExtraError, missing_packages
 from fbrl.watch.video import check_video_packages, missing_video_packages
 
 

@@ -12,7 +12,7 @@ from torchrl.collectors import Collector
 from torchrl.envs import GymWrapper
 from torchrl.envs.utils import RandomPolicy, check_env_specs
 
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import UnknownNameError
 from fbrl.envs import FootballEnv, FootballVectorEnv
 from fbrl.envs.arguments import spread_seed
 

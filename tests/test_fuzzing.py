@@ -37,7 +37,7 @@ from fbrl.analysis.results import ResultsError, read_evaluation_table, read_publ
 from fbrl.analysis.run_log import RunLogError, read_run_log
 from fbrl.assembly import make_model
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import UnknownNameError
 from fbrl.config_json import config_to_dict
 from fbrl.density import AssistDensity, open_density
 from fbrl.density.pass_cache import PassCache

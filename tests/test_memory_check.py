@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fbrl.checks import memory
-from fbrl.checks.memory import check_memory, memory_limit
+from fbrl.checks import check_memory, memory, memory_limit
 from fbrl.cli.train import main
 from fbrl.envs import FootballVectorEnv
 

@@ -22,7 +22,7 @@ from fbrl.analysis.results import (
 )
 from fbrl.analysis.run_groups import RunGroup, learning_curve
 from fbrl.analysis.run_log import read_run_log
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import UnknownNameError
 from fbrl.figures.bars import bars_figure
 from fbrl.figures.curves import learning_curves_figure
 from fbrl.figures.files import save_figure

@@ -6,7 +6,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import UnknownNameError
 from fbrl.envs import make_env
 from fbrl.evaluation.evaluation import evaluate
 from fbrl.evaluation.policies import make_policy

@@ -22,7 +22,7 @@ from fbrl.analysis.results import (
 )
 from fbrl.analysis.run_groups import group_runs
 from fbrl.analysis.run_log import read_run_log
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import UnknownNameError
 
 SHARED = Path(__file__).parents[2] / "shared"
 CORNER, SHOOT = "academy_corner", "academy_pass_and_shoot_with_keeper"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fbrl.analysis.run_log import RunLogError, frames_until, paper_goal_difference, read_run_log
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import UnknownNameError
 from fbrl.config import PPOConfig, TrainConfig
 from fbrl.config_json import save_config
 from fbrl.presets import preset_config

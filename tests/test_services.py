@@ -10,8 +10,7 @@ import torch
 from test_monitor import PARTS, log, log_evaluation, make_batch
 
 from fbrl.checkpoint import CheckpointError
-from fbrl.checks.extras import MissingExtraError
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import MissingExtraError, UnknownNameError
 from fbrl.components import LOGGERS
 from fbrl.config import TrainConfig
 from fbrl.monitor import Monitor

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from fbrl.checks.extras import MissingExtraError
+from fbrl.checks import MissingExtraError
 from fbrl.density.pass_cache import PassCache, default_cache_directory
 from fbrl.density.passes import EVENT_COLUMNS
 from fbrl.density.statsbomb import (

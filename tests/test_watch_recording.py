@@ -10,7 +10,7 @@ import torch
 from torchrl.envs import ExplorationType, exploration_type
 from watching import SCENARIO, SHORT_PASS, SHOT, pass_and_shoot, random_player, recorded_matches
 
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import UnknownNameError
 from fbrl.envs.engine import FIRST_EPISODE
 from fbrl.envs.matches import Matches
 from fbrl.watch.pitch_view import completed_passes

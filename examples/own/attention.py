@@ -1,7 +1,4 @@
-"""A network of your own.
-
-fbrl-train academy_counterattack_hard --network attention:Transformer --network.width 32
-"""
+"""A network of your own: fbrl-train SCENARIO --network attention:Transformer."""
 
 from collections.abc import Sequence
 

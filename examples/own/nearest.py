@@ -1,7 +1,4 @@
-"""An observation of your own.
-
-fbrl-train academy_counterattack_hard --observation nearest:NearestPlayers
-"""
+"""An observation of your own: fbrl-train SCENARIO --observation nearest:NearestPlayers."""
 
 import torch
 from torch import Tensor
@@ -25,10 +22,9 @@ class NearestPlayers(RawObservationTransform):
 
     def compute(self, left: Tensor, right: Tensor, ball: Tensor, active: Tensor) -> Tensor:
         """Writes (..., 4 + 4 * num_players) numbers."""
-        index = active.long().clamp(min=0)[..., None, None].expand(*active.shape, 1, 2)
-        me = left.gather(-2, index)
+        me = torch.take_along_dim(left, active.long().clamp(min=0)[..., None, None], -2)
         seen = [torch.stack([ball[..., :2], torch.tensor([1.0, 0.0]).expand_as(ball[..., :2])], -2)]
         for team in (left, right):
-            order = (team - me).norm(dim=-1).argsort(-1)[..., : self.num_players]
-            seen.append(team.gather(-2, order.unsqueeze(-1).expand(*order.shape, 2)))
+            nearest = (team - me).norm(dim=-1, keepdim=True).argsort(-2)[..., : self.num_players, :]
+            seen.append(torch.take_along_dim(team, nearest, -2))
         return (torch.cat(seen, -2) - me).flatten(-2)

@@ -1,7 +1,4 @@
-"""An action mask of your own.
-
-fbrl-train academy_counterattack_hard --mask patience:NoLongShots --mask.from-x 0.6
-"""
+"""An action mask of your own: fbrl-train SCENARIO --mask patience:NoLongShots."""
 
 import torch
 from torch import Tensor

@@ -1,7 +1,4 @@
-"""A reward of your own.
-
-fbrl-train academy_counterattack_hard --reward pressing:PressingReward --reward.bonus 0.1
-"""
+"""A reward of your own: fbrl-train SCENARIO --reward pressing:PressingReward."""
 
 from torch import Tensor, where
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from fbrl.analysis.run_groups import RunGroup
 from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until
 from fbrl.analysis.seed_statistics import mean
-from fbrl.checks.names import UnknownNameError, check_name
+from fbrl.checks import UnknownNameError, check_name
 from fbrl.components import REWARDS
 from fbrl.files.csv_table import as_number, read_csv_table
 from fbrl.run_files import EVALUATIONS_NAME

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fbrl.checks.names import UnknownNameError, check_name
+from fbrl.checks import UnknownNameError, check_name
 from fbrl.config import TrainConfig
 from fbrl.config_json import config_from_dict
 from fbrl.files.csv_table import as_number, read_csv_table

@@ -20,7 +20,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 from rich.console import Console
 
 from fbrl.allocator import preload_tcmalloc
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import UnknownNameError
 from fbrl.cli.errors import FAILED, INTERRUPTED, ending_when_interrupted, fail
 from fbrl.cli.outputs import ProgressDisplay, console
 from fbrl.cli.train_options import parse_resume, parse_training

@@ -12,7 +12,7 @@ import tyro
 from docstring_parser import parse, parse_from_object
 
 from fbrl.analysis.run_log import read_run_log
-from fbrl.checks.names import check_name
+from fbrl.checks import check_name
 from fbrl.cli.arguments import IMPORT_HELP, add_import
 from fbrl.cli.errors import Parser, ending_on_bad_input, fail, parsing
 from fbrl.components import COMPONENTS, LOGGERS

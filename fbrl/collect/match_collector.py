@@ -12,8 +12,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform, TransformedEnv
 
-from fbrl.checks.counts import check_count
-from fbrl.checks.memory import check_memory
+from fbrl.checks import check_count, check_memory
 from fbrl.collect.collector import (
     BatchCollector,
     EpisodeBookkeeping,

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from fbrl.checks.field_types import FieldTypeError, check_field_types
+from fbrl.checks import FieldTypeError, check_field_types
 from fbrl.density.position import PositionDensity
 from fbrl.files.array_file import ArrayFileError, read_arrays
 from fbrl.files.atomic_write import atomic_write

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from fbrl.checks.names import check_name
+from fbrl.checks import check_name
 from fbrl.density.coordinates import STATSBOMB_LENGTH
 from fbrl.density.passes import Pass, Passes
 

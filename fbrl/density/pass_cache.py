@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fbrl.checks.field_types import check_field_types
+from fbrl.checks import check_field_types
 from fbrl.density.passes import Pass
 
 FORMAT = 1

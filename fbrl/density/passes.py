@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fbrl.checks.field_types import check_field_types
+from fbrl.checks import check_field_types
 from fbrl.density.coordinates import STATSBOMB_LENGTH, STATSBOMB_WIDTH, pitch_from_statsbomb
 
 POSITION_COLUMNS = ("x", "y", "end_x", "end_y")

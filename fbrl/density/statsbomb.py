@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from fbrl.checks.extras import MissingExtraError
-from fbrl.checks.names import check_name
+from fbrl.checks import MissingExtraError, check_name
 from fbrl.density.pass_cache import PassCache, default_cache_directory
 from fbrl.density.passes import EVENT_COLUMNS, Pass, Passes, in_group, passes_of_match
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fbrl.checks.names import UnknownNameError
+from fbrl.checks import UnknownNameError
 from fbrl.envs.actions import ACTION_NAMES
 from fbrl.envs.engine import EngineNotInstalledError, ScenarioError
 from fbrl.envs.football import FootballEnv

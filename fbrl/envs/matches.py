@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from gymnasium import Space
 
-from fbrl.checks.field_types import check_field_types
+from fbrl.checks import check_field_types
 from fbrl.envs.engine import build_scenario, load_gfootball
 from fbrl.envs.observation import OBSERVATION_SPACE
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fbrl.checks.extras import MissingExtraError, missing_packages
-from fbrl.checks.names import check_name
+from fbrl.checks import MissingExtraError, check_name, missing_packages
 from fbrl.envs.engine_pictures import EnginePictures
 
 if TYPE_CHECKING:

@@ -13,9 +13,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from fbrl.checks.counts import check_count
-from fbrl.checks.memory import check_memory
-from fbrl.checks.names import check_name
+from fbrl.checks import check_count, check_memory, check_name
 from fbrl.envs import arguments
 from fbrl.envs.engine import NUM_ACTIONS
 from fbrl.envs.matches import RESULTS, Matches, MatchState, stating_what_is_no_match

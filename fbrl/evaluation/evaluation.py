@@ -12,7 +12,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
-from fbrl.checks.counts import check_count
+from fbrl.checks import check_count
 from fbrl.envs.factory import figures_of_matches
 
 Policy = Callable[[TensorDictBase], TensorDictBase]

@@ -6,8 +6,7 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
-from fbrl.checks.counts import check_count
-from fbrl.checks.names import check_name
+from fbrl.checks import check_count, check_name
 from fbrl.envs.engine import BUILTIN_AI, NUM_ACTIONS
 from fbrl.envs.vector_env import ActionSet
 from fbrl.policy_names import POLICIES

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fbrl.checks.extras import MissingExtraError, missing_packages
+from fbrl.checks import MissingExtraError, missing_packages
 from fbrl.density.assist import AssistDensity
 from fbrl.density.coordinates import HALF_LENGTH, HALF_WIDTH, PITCH_LENGTH, PITCH_WIDTH
 from fbrl.density.passes import Pass
@@ -22,7 +22,7 @@ _CELL_METRES = 2.0
 
 
 def check_installed() -> None:
-    """Raises :class:`fbrl.checks.extras.MissingExtraError` where mplsoccer is not installed."""
+    """Raises :class:`fbrl.checks.MissingExtraError` where mplsoccer is not installed."""
     missing = missing_packages(["mplsoccer"])
     if missing:
         raise MissingExtraError("Pictures of a pitch", missing, "density")

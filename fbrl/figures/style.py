@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING
 
-from fbrl.checks.extras import MissingExtraError
+from fbrl.checks import MissingExtraError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

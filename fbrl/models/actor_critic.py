@@ -14,7 +14,7 @@ from torchrl.envs import Transform
 from torchrl.envs.utils import ExplorationType
 from torchrl.modules import ActorValueOperator, ProbabilisticActor, ValueOperator
 
-from fbrl.checks.counts import check_count
+from fbrl.checks import check_count
 from fbrl.components import NETWORKS
 from fbrl.envs.factory import make_observation, observed_key, observed_spec
 from fbrl.models.collection_policy import CollectionPolicy, PolicyHead

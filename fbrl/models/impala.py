@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from fbrl.checks.counts import check_count
+from fbrl.checks import check_count
 from fbrl.transforms.minimap_grid import (
     CELLS_PER_FRAME,
     SMM_HEIGHT,

@@ -9,7 +9,7 @@ from typing import Literal, TypeVar, get_args
 import torch
 from torch import Tensor, nn
 
-from fbrl.checks.counts import check_count
+from fbrl.checks import check_count
 
 Activation = Literal["tanh", "relu"]
 

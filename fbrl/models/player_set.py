@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from fbrl.checks.counts import check_count
+from fbrl.checks import check_count
 from fbrl.models.mlp import HIDDEN_GAIN, MLP, Activation, check_vector, orthogonal
 from fbrl.transforms.players_table import (
     MATES,

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from tensordict import TensorDictBase
 
-from fbrl.checks.counts import check_count
+from fbrl.checks import check_count
 from fbrl.envs.factory import EPISODE_LENGTH, EPISODE_PREFIX, figures_of_matches
 from fbrl.monitor.scalars import SCALARS
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fbrl.checks.extras import MissingExtraError
+from fbrl.checks import MissingExtraError
 from fbrl.components import LOGGERS
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from fbrl.checks.names import check_name
+from fbrl.checks import check_name
 
 PREFIX = "pretrained:"
 

@@ -12,7 +12,7 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, Composite
 
-from fbrl.checks.counts import check_count
+from fbrl.checks import check_count
 from fbrl.transforms.memory import MemoryTransform
 from fbrl.transforms.minimap_grid import (
     ABSENT,

@@ -7,7 +7,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from fbrl.checks.counts import check_count
+from fbrl.checks import check_count
 from fbrl.density.coordinates import METRES_PER_UNIT, PITCH_LENGTH, PITCH_WIDTH
 from fbrl.transforms.raw_observation import Keys, RawObservationTransform
 

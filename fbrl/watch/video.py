@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fbrl.checks.extras import MissingExtraError, missing_packages
+from fbrl.checks import MissingExtraError, missing_packages
 
 ENDINGS = (".mp4", ".gif")
 
@@ -38,7 +38,7 @@ def missing_video_packages() -> list[str]:
 
 
 def check_video_packages() -> None:
-    """Raises :class:`fbrl.checks.extras.MissingExtraError` where such packages are missing."""
+    """Raises :class:`fbrl.checks.MissingExtraError` where such packages are missing."""
     missing = missing_video_packages()
     if missing:
         raise MissingExtraError("Videos", missing, "analysis")

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fbrl.checks.names import check_name
+from fbrl.checks import check_name
 from fbrl.density import AssistDensity
 from fbrl.drawing.canvas import text
 from fbrl.drawing.match_picture import SECONDS_PER_STEP
