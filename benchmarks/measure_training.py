@@ -30,7 +30,7 @@ def training_config(
     ppo = dataclasses.replace(
         config.ppo,
         num_steps=num_steps,
-        minibatch_size=min(batch, config.ppo.frames_per_minibatch),
+        minibatch_size=min(batch, config.ppo.steps_per_minibatch),
         total_frames=batch * iterations,
     )
     return dataclasses.replace(config, ppo=ppo, device=device, seed=seed, eval_episodes=0)
@@ -85,7 +85,7 @@ def stable_baselines3_training(
         "CnnPolicy" if is_cnn else "MlpPolicy",
         env,
         n_steps=ppo.num_steps,
-        batch_size=ppo.frames_per_minibatch,
+        batch_size=ppo.steps_per_minibatch,
         n_epochs=ppo.num_epochs,
         learning_rate=lambda left: ppo.learning_rate * left,
         gamma=ppo.gamma,

@@ -86,7 +86,8 @@ def make_model(config: TrainConfig, device: torch.device) -> ActorCritic:
 
 def make_agent_env(config: TrainConfig, **options: Any) -> TransformedEnv:
     """Matches for the agent of a configuration, with the options of :func:`fbrl.envs.make_env`."""
-    return make_env(config.scenario, observation=make_agent_observation(config), **options)
+    observation, frame_skip = make_agent_observation(config), config.ppo.frame_skip
+    return make_env(config.scenario, observation=observation, frame_skip=frame_skip, **options)
 
 
 def make_collector(
@@ -124,6 +125,7 @@ def make_collector(
         reward=reward,
         observation=make_agent_observation(config),
         num_threads=config.num_threads,
+        frame_skip=config.ppo.frame_skip,
         num_groups=config.num_groups,
         midway_starts=config.midway_starts,
         seed=config.seed,

@@ -34,15 +34,18 @@ class PPOConfig:
     """
 
     total_frames: int = field(default=1_000_000, metadata=_MAY_CHANGE)
-    """Environment steps of the whole training, over all matches."""
+    """Frames of the whole training, over all matches; gfootball's own steps, of 100 ms."""
     num_envs: int = 8
     """Matches played side by side."""
     num_steps: int = 256
     """Steps that each match plays between two updates."""
+    frame_skip: int = 1
+    """Frames in each step. The action is played in the first of them, as a button is pressed once,
+    and what is held stays held. Steps are farther apart then, so that gamma may be smaller."""
     num_minibatches: int = 8
-    """Minibatches that a batch of num_envs * num_steps frames is split into."""
+    """Minibatches that a batch of num_envs * num_steps steps is split into."""
     minibatch_size: int | None = None
-    """Frames of a minibatch; if given, it is used instead of num_minibatches."""
+    """Steps of a minibatch; if given, it is used instead of num_minibatches."""
     num_epochs: int = 4
     """Passes over each batch."""
     learning_rate: float = 1e-3
@@ -77,6 +80,11 @@ class PPOConfig:
     @property
     def frames_per_batch(self) -> int:
         """Frames that are collected between two updates."""
+        return self.steps_per_batch * self.frame_skip
+
+    @property
+    def steps_per_batch(self) -> int:
+        """Steps that are collected between two updates; each has been decided once."""
         return self.num_envs * self.num_steps
 
     @property
@@ -85,21 +93,22 @@ class PPOConfig:
         return math.ceil(self.total_frames / self.frames_per_batch)
 
     @property
-    def frames_per_minibatch(self) -> int:
-        """Frames of a minibatch, however it is configured."""
-        return self.minibatch_size or self.frames_per_batch // self.num_minibatches
+    def steps_per_minibatch(self) -> int:
+        """Steps of a minibatch, however it is configured."""
+        return self.minibatch_size or self.steps_per_batch // self.num_minibatches
 
     def check(self) -> None:
         """Raises :class:`ConfigError` for a value of another type or out of range."""
         check_types(self)
-        names = ["total_frames", "num_envs", "num_steps", "num_minibatches", "num_epochs"]
+        names = ["total_frames", "num_envs", "num_steps", "frame_skip"]
+        names += ["num_minibatches", "num_epochs"]
         _check(self, names, lambda number: 1 <= number <= LARGEST, f"in [1, {LARGEST:,}]")
         names = ["learning_rate", "clip_epsilon", "critic_coeff", "max_grad_norm", "target_kl"]
         _check(self, names, lambda value: 0 < value < math.inf, "a number above 0")
         names = ["entropy_coeff", "entropy_coeff_end"]
         _check(self, names, lambda value: 0 <= value < math.inf, "at least 0")
         _check(self, ("gamma", "gae_lambda"), lambda value: 0 <= value <= 1, "in [0, 1]")
-        batch = self.frames_per_batch
+        batch = self.steps_per_batch
         allowed = f"in [2, {batch}], the batch"
         _check(self, ("minibatch_size",), lambda size: 2 <= size <= batch, allowed)
         if self.minibatch_size is None:

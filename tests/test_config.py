@@ -98,8 +98,8 @@ def test_batch_sizes():
     config = PPOConfig(num_envs=6, num_steps=50, num_minibatches=4, total_frames=1000)
     assert config.frames_per_batch == 300
     assert config.num_batches == 4
-    assert config.frames_per_minibatch == 75
-    assert dataclasses.replace(config, minibatch_size=32).frames_per_minibatch == 32
+    assert config.steps_per_minibatch == 75
+    assert dataclasses.replace(config, minibatch_size=32).steps_per_minibatch == 32
 
 
 def test_a_configuration_survives_its_file(tmp_path):

@@ -79,7 +79,7 @@ def peer_returns(seed):
         "MlpPolicy",
         make_vec_env("CartPole-v1", n_envs=CONFIG.num_envs, seed=seed),
         n_steps=CONFIG.num_steps,
-        batch_size=CONFIG.frames_per_minibatch,
+        batch_size=CONFIG.steps_per_minibatch,
         n_epochs=CONFIG.num_epochs,
         learning_rate=lambda left: CONFIG.learning_rate * left,
         gamma=CONFIG.gamma,

@@ -70,7 +70,7 @@ def test_options_reach_the_configuration():
     assert config.network_options == {"hidden_sizes": (32, 16)}
     assert (config.reward, config.num_threads) == ("scoring", 1)
     assert not config.ppo.anneal_learning_rate
-    assert config.ppo.frames_per_minibatch == 100
+    assert config.ppo.steps_per_minibatch == 100
 
 
 def test_the_network_is_the_one_that_was_asked_for(config):

@@ -42,6 +42,8 @@ class Matches(_native.Matches):
         scenario: Its name, for messages.
         num_matches: How many.
         num_threads: How many play them.
+        frame_skip: How often 100 ms are played in a step; the action counts the first time, but for
+            the engine's own player.
 
     Examples:
         >>> matches = Matches("academy_corner", num_matches=2, num_threads=2)
@@ -52,8 +54,10 @@ class Matches(_native.Matches):
         >>> matches.send_step([0, 1], [5, 5], rows).wait()
     """
 
-    def __init__(self, scenario: str, num_matches: int, num_threads: int) -> None:
-        super().__init__(scenario, num_matches, num_threads, str(DATA))
+    def __init__(
+        self, scenario: str, num_matches: int, num_threads: int, frame_skip: int = 1
+    ) -> None:
+        super().__init__(scenario, num_matches, num_threads, frame_skip, str(DATA))
         _all_matches.add(self)
 
 

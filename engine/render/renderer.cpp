@@ -48,13 +48,13 @@ class Renderer {
     is_drawn_ = false;
   }
 
-  void step(int action, bool draw) {
+  void step(int action, bool draw, int frame_skip) {
     check_thread();
     if (action < 0 || action >= fbrl::kNumActions) {
       throw std::invalid_argument("There is no action " + std::to_string(action) + ".");
     }
     env_->game_config.render = draw;
-    match_.step(action);
+    match_.step(action, frame_skip);
     env_->game_config.render = true;
     is_drawn_ = draw;
   }
@@ -150,11 +150,12 @@ NB_MODULE(_native, module) {
       .def(nb::init<int, int, const std::string &>(), "width"_a, "height"_a, "data_dir"_a)
       .def("reset", &Renderer::reset, "config"_a, parallel,
            "Starts an episode of a fbrl_engine ScenarioConfig and plays on until the game is in play.")
-      .def("step", &Renderer::step, "action"_a, "draw"_a = true, parallel,
+      .def("step", &Renderer::step, "action"_a, "draw"_a = true, "frame_skip"_a = 1, parallel,
            "Plays 100 ms, and on until the game is in play.\n\n"
            "Args:\n"
            "    action: In [0, 19], as those of fbrl_engine's matches.\n"
-           "    draw: Whether it is to be seen; drawing takes a hundred times as long as playing.\n")
+           "    draw: Whether it is to be seen; drawing takes a hundred times as long as playing.\n"
+           "    frame_skip: As that of fbrl_engine's matches.\n")
       .def("set_state", &Renderer::set_state, "state"_a,
            "Shows a state of the episode that was reset to.\n\n"
            "Args:\n"

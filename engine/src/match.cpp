@@ -11,6 +11,8 @@ namespace {
 constexpr int kWaitingStepsBeforeForcedPass = 20;
 constexpr int kWaitingStepsBeforeTurningBack = 30;
 
+constexpr int kIdle = 0, kBuiltinAi = kNumActions - 1;
+
 // Behind the random numbers an engine's state has the scenario's rules and the seed.
 constexpr std::size_t kConstantPart = 2512, kConstantPartEnd = 2580;
 constexpr std::size_t kLargestState = 10'000'000;
@@ -87,7 +89,17 @@ void Match::reset(ScenarioConfig config) {
   while (!info_.is_in_play) step_engine();
 }
 
-void Match::step(int action) {
+void Match::step(int action, int frame_skip) {
+  int reward = 0;
+  do {
+    step_once(action);
+    reward += reward_;
+    if (action != kBuiltinAi) action = kIdle;
+  } while (--frame_skip > 0 && !terminated_ && !truncated_);
+  reward_ = reward;
+}
+
+void Match::step_once(int action) {
   env_->action(permitted(action), true, 0);
   do {
     step_engine();

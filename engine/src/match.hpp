@@ -39,8 +39,10 @@ class Match {
   // Starts an episode and steps on until the game is in play.
   void reset(ScenarioConfig config);
 
-  // Plays 100 ms, and on until the game is in play. The action is an index into kActions.
-  void step(int action);
+  // Plays 100 ms, and on until the game is in play, frame_skip times or up to the episode's end. The
+  // action is an index into kActions. It is played the first time alone, as a button is pressed once,
+  // but for the engine's own player; directions and sprinting last anyway.
+  void step(int action, int frame_skip);
 
   MatchState state();
 
@@ -66,6 +68,7 @@ class Match {
   };
 
   void acquire_engine();
+  void step_once(int action);
   void step_engine();
   void read_info();
   Action permitted(int action) const;

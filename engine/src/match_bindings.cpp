@@ -219,11 +219,11 @@ void bind_matches(nb::module_ &module) {
   nb::class_<PyMatches>(module, "Matches", nb::is_weak_referenceable())
       .def("__init__",
            [](PyMatches *matches, std::string scenario, int num_matches, int num_threads,
-              std::string data_dir) {
-             new (matches) PyMatches{std::make_shared<MatchPool>(std::move(scenario), num_matches,
-                                                                 num_threads, std::move(data_dir))};
+              int frame_skip, std::string data_dir) {
+             new (matches) PyMatches{std::make_shared<MatchPool>(
+                 std::move(scenario), num_matches, num_threads, frame_skip, std::move(data_dir))};
            },
-           "scenario"_a, "num_matches"_a, "num_threads"_a, "data_dir"_a)
+           "scenario"_a, "num_matches"_a, "num_threads"_a, "frame_skip"_a, "data_dir"_a)
       .def("prepare",
            [](PyMatches &matches, int match, const ScenarioConfig &config, std::uint32_t engine_seed,
               std::int64_t episode_number) {

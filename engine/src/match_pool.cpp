@@ -58,9 +58,9 @@ void sleep(const Disturbance &disturbance) {
 }
 
 // Plays a step, or what takes its place in this episode.
-void step(Slot &slot, int action, const std::optional<Disturbance> &disturbance) {
+void step(Slot &slot, int action, int frame_skip, const std::optional<Disturbance> &disturbance) {
   if (!disturbance || disturbance->engine_seed.value_or(slot.engine_seed) != slot.engine_seed) {
-    slot.match.step(action);
+    slot.match.step(action, frame_skip);
     return;
   }
   switch (disturbance->kind) {
@@ -86,6 +86,7 @@ struct MatchPool::Shared {
   };
 
   const std::string scenario;
+  const int frame_skip;
   std::optional<Disturbance> disturbance;
   std::vector<std::unique_ptr<Slot>> slots;
 
@@ -97,7 +98,7 @@ struct MatchPool::Shared {
   int threads = 0;
   bool ending = false;
 
-  explicit Shared(std::string name) : scenario(std::move(name)) {}
+  Shared(std::string name, int skip) : scenario(std::move(name)), frame_skip(skip) {}
 
   std::string describe(int match) const {
     const Slot &slot = *slots[match];
@@ -190,8 +191,9 @@ class MatchPool::Sending {
   int to_wake_ = 0;
 };
 
-MatchPool::MatchPool(std::string scenario, int num_matches, int num_threads, std::string data_dir)
-    : shared_(std::make_shared<Shared>(std::move(scenario))) {
+MatchPool::MatchPool(std::string scenario, int num_matches, int num_threads, int frame_skip,
+                     std::string data_dir)
+    : shared_(std::make_shared<Shared>(std::move(scenario), frame_skip)) {
   for (int i = 0; i < num_matches; i++) {
     shared_->slots.push_back(std::make_unique<Slot>(data_dir));
   }
@@ -267,7 +269,7 @@ std::shared_ptr<Batch> MatchPool::send_step(const std::vector<int> &matches,
     sending.send({match, batch,
                    [match, action, rows, next_rows, shared = shared_.get(),
                     disturbance = shared_->disturbance](Slot &slot) {
-                     step(slot, action, disturbance);
+                     step(slot, action, shared->frame_skip, disturbance);
                      write(slot.match, match, *rows);
                      if (!slot.match.terminated() && !slot.match.truncated()) {
                        if (next_rows) write(slot.match, match, *next_rows);

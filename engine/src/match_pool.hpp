@@ -53,7 +53,8 @@ class Batch;
 
 class MatchPool {
  public:
-  MatchPool(std::string scenario, int num_matches, int num_threads, std::string data_dir);
+  MatchPool(std::string scenario, int num_matches, int num_threads, int frame_skip,
+            std::string data_dir);
   // Waits for what is being played, a second at most: a match that hangs is left to the process's end.
   ~MatchPool();
   MatchPool(const MatchPool &) = delete;

@@ -36,6 +36,8 @@ WIDTHS = {"2d": 960, "3d": 640, "both": 1280}
 SMALLEST_WIDTHS = {"2d": 320, "3d": 320, "both": 640}
 LARGEST_WIDTH = 3840
 TRIES_PER_GOAL = 50
+FRAMES_PER_SECOND = 10.0
+"""Of gfootball, in real time."""
 
 _DESCRIPTION = """\
 Play matches with a trained agent and make a video of them, without a display: from above with the
@@ -95,8 +97,7 @@ def _parser() -> Parser:
     add(
         "--fps",
         type=number_in(float, 1, 100, "in [1, 100]"),
-        default=10.0,
-        help="frames a second; 10 is real time (default: 10)",
+        help="frames a second (default: real time: 10, or fewer for a frame skip)",
     )
 
     add_played = parser.add_argument_group("matches that are played").add_argument
@@ -132,12 +133,12 @@ def _main(options: argparse.Namespace) -> None:
     from fbrl.envs.engine_pictures import RenderingError
 
     try:
-        matches, frames = _make_video(options)
+        matches, frames, seconds = _make_video(options)
     except RenderingError as error:
         fail(PROGRAM, error)
     print(
         f"{options.out}: {matches} {'match' if matches == 1 else 'matches'}, {frames} frames "
-        f"({frames / options.fps:.1f} s), made in {time.monotonic() - started:.1f} s"
+        f"({seconds:.1f} s), made in {time.monotonic() - started:.1f} s"
     )
 
 
@@ -170,8 +171,8 @@ def _check(options: argparse.Namespace) -> None:
     check_outputs(options.out, options.save_replay)
 
 
-def _make_video(options: argparse.Namespace) -> tuple[int, int]:
-    """Plays, draws and writes; returns the numbers of matches and of frames."""
+def _make_video(options: argparse.Namespace) -> tuple[int, int, float]:
+    """Plays, draws and writes; returns the numbers of matches, frames and seconds."""
     from fbrl.watch.replay_file import save_replay
     from fbrl.watch.views import open_view
 
@@ -179,27 +180,29 @@ def _make_video(options: argparse.Namespace) -> tuple[int, int]:
         if options.replay is None:
             stack.enter_context(playing(PROGRAM))
         display = stack.enter_context(ProgressDisplay())
-        matches, density = _matches(options, display)
+        matches, density, frame_skip = _matches(options, display)
+        fps = options.fps or FRAMES_PER_SECOND / frame_skip
         shown: list[MatchRecording] = []
         with open_view(options.view, options.width, density) as view:
-            frames = _frames(options, view, matches, shown, display)
-            count = write_video(options.out, frames, options.fps)
+            frames = _frames(options, view, matches, fps, shown, display)
+            count = write_video(options.out, frames, fps)
         if options.save_replay is not None:
             save_replay(options.save_replay, shown, density)
-    return len(shown), count
+    return len(shown), count, count / fps
 
 
 def _matches(
     options: argparse.Namespace, display: ProgressDisplay
-) -> tuple[Iterable[MatchRecording], AssistDensity | None]:
-    """The matches to show, played as they are asked for, and the density of their reward."""
+) -> tuple[Iterable[MatchRecording], AssistDensity | None, int]:
+    """The matches to show, played as they are asked for, their reward's density and frame skip."""
     if options.replay is not None:
         from fbrl.envs.engine import load_gfootball
         from fbrl.watch.replay_file import load_replay
 
         if options.view != "2d":
             load_gfootball()
-        return load_replay(options.replay)
+        recorded, density = load_replay(options.replay)
+        return recorded, density, recorded[0].frame_skip
     from fbrl.envs.factory import make_reward
     from fbrl.watch.recording import record_matches
 
@@ -219,28 +222,31 @@ def _matches(
 
         policy, reward = make_policy(options.policy), make_reward("analytics")
         matches = record(policy, options.scenario, observation="simple115", reward=reward)
-        return matches, reward.density
+        return matches, reward.density, 1
     from fbrl.agent import load_agent
     from fbrl.assembly import make_agent_observation, make_training_reward
     from fbrl.device import choose_device
 
     device = choose_device(options.device or "auto")
     agent = load_agent(options.run, device)
+    frame_skip = agent.config.ppo.frame_skip
     reward = make_training_reward(agent.config, agent.run_dir)
     matches = record(
         agent.model.get_collection_policy(),
         options.scenario or agent.config.scenario,
         observation=make_agent_observation(agent.config),
         reward=reward,
+        frame_skip=frame_skip,
         device=device,
     )
-    return matches, reward.density
+    return matches, reward.density, frame_skip
 
 
 def _frames(
     options: argparse.Namespace,
     view: View,
     matches: Iterable[MatchRecording],
+    fps: float,
     shown: list[MatchRecording],
     display: ProgressDisplay,
 ) -> Iterator[np.ndarray]:
@@ -255,8 +261,8 @@ def _frames(
             continue
         shown.append(match)
         title = f"match {len(shown)}" + (f" of {wanted}" if wanted > 1 else "")
-        frames = captioned_frames(view, match, title, options.fps)
-        total = num_frames(match, options.fps)
+        frames = captioned_frames(view, match, title, fps)
+        total = num_frames(match, fps)
         for index, frame in enumerate(frames, start=1):
             display.show(f"drawing match {len(shown)}", index, total, "frames")
             yield frame

@@ -82,6 +82,7 @@ class MatchCollector(BatchCollector):
         reward: str | ScoringReward = "analytics",
         observation: str | Transform = "simple115",
         num_threads: int | None = None,
+        frame_skip: int = 1,
         num_groups: int | None = None,
         midway_starts: float = 0.0,
         seed: int | None = None,
@@ -94,7 +95,9 @@ class MatchCollector(BatchCollector):
         self._transform = transform = make_observation(observation)
         self._raw_keys = keys = sorted(raw_keys_of([transform, reward, PlayStatistics()]))
         self._bookkeeping = EpisodeBookkeeping(reward)
-        self._matches = FootballVectorEnv(scenario, num_envs, num_threads, keys)
+        self._matches = FootballVectorEnv(
+            scenario, num_envs, num_threads, keys, frame_skip=frame_skip
+        )
         matches = FootballMatches(self._matches, categorical_action_encoding=True, device="cpu")
         # Kept, since it closes the matches when it goes.
         self._env = TransformedEnv(matches, transform)

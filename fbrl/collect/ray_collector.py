@@ -154,7 +154,7 @@ class RayMatchCollector(BatchCollector):
                     for number in range(workers)
                 ],
                 exploration_type=ExplorationType.RANDOM,
-                frames_per_batch=config.ppo.frames_per_batch,
+                frames_per_batch=config.ppo.steps_per_batch,
                 sync=True,
                 weight_sync_schemes={},
             )

@@ -91,6 +91,7 @@ class EnginePictures:
         self,
         episode: tuple[str, int, int] | None,
         actions: Sequence[int] = (),
+        frame_skip: int = 1,
         *,
         every: bool = False,
     ) -> Generator[tuple[np.ndarray, np.ndarray], None, None]:
@@ -99,6 +100,7 @@ class EnginePictures:
         Args:
             episode: What :func:`fbrl.envs.engine.build_scenario` takes; ``None`` to go on.
             actions: What is played, indices in [0, 19].
+            frame_skip: Steps of gfootball for each.
             every: Draw each state, an episode's first one included, instead of the last alone.
 
         Yields:
@@ -113,7 +115,12 @@ class EnginePictures:
         try:
             assert self._process is not None
             assert self._process.stdin is not None
-            request = {"episode": episode, "actions": list(actions), "every": every}
+            request = {
+                "episode": episode,
+                "actions": list(actions),
+                "frame_skip": frame_skip,
+                "every": every,
+            }
             try:
                 self._process.stdin.write(json.dumps(request) + "\n")
                 self._process.stdin.flush()

@@ -145,6 +145,7 @@ def make_env(
     observation: str | Transform = "simple115",
     num_threads: int | None = None,
     action_set: ActionSet = "default",
+    frame_skip: int = 1,
     keep_keys: Iterable[str] = (),
     seed: int | None = None,
 ) -> TransformedEnv:
@@ -157,8 +158,9 @@ def make_env(
             such as ``AssistDensityReward(transition="consecutive")``; ``"potential"`` only as
             ``AssistDensityPotential(gamma=0.993)``, with the training's discount.
         observation: A name in :data:`fbrl.components.OBSERVATIONS`, or a transform.
-        num_threads: As for :class:`FootballVectorEnv`, like the next one.
+        num_threads: As for :class:`FootballVectorEnv`, like the next two.
         action_set: ``"default"`` or ``"v2"``.
+        frame_skip: Steps of gfootball for each action.
         keep_keys: Raw observation keys to keep; the others are dropped once the reward and the
             observation are computed, so that a collector neither copies nor stores them.
         seed: Seeds the matches.
@@ -184,7 +186,12 @@ def make_env(
     if seed is not None:
         check_seed(seed)
     matches = FootballVectorEnv(
-        scenario, num_envs, num_threads, observation_keys=raw_keys | kept, action_set=action_set
+        scenario,
+        num_envs,
+        num_threads,
+        observation_keys=raw_keys | kept,
+        action_set=action_set,
+        frame_skip=frame_skip,
     )
     sums = ["reward", *reward.part_names]
     env = TransformedEnv(

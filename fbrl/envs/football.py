@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from fbrl.checks import check_count
 from fbrl.envs.arguments import check_options, check_seed, draw_seed
 from fbrl.envs.engine import FIRST_EPISODE, NUM_ACTIONS
 from fbrl.envs.matches import RESULTS, Matches, MatchState, stating_what_is_no_match
@@ -39,15 +40,18 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         render_mode: ``"rgb_array"`` for pictures by :meth:`render`.
         view: What they show: the match from above (``"2d"``), or as the engine itself draws it
             (``"3d"``), which needs the package fbrl-engine-render.
+        frame_skip: Steps of gfootball in each step. The action is played in the first of them, as
+            a button is pressed once; what was held before, or is held by it, stays held.
 
     Raises:
-        ValueError: An observation key, the scenario, the render mode or the view is unknown.
+        ValueError: An observation key, the scenario, the render mode or the view is unknown, or
+            ``frame_skip`` is not positive.
         EngineNotInstalledError: gfootball is missing.
         MissingExtraError: Packages that pictures need are missing.
 
-    The action is an index into gfootball's default action set of 19; a step plays 100 ms. The
-    reward is the change of the goal difference. ``terminated`` says that a rule of the scenario
-    ended the episode, ``truncated`` that its time limit did.
+    The action is an index into gfootball's default action set of 19; a step plays 100 ms, or
+    ``frame_skip`` times as much. The reward is the change of the goal difference. ``terminated``
+    says that a rule of the scenario ended the episode, ``truncated`` that its time limit did.
 
     ``reset(seed=s)`` starts an episode whose engine seed is exactly ``s``, with the left team
     to kick off; later resets draw fresh engine seeds from the environment's ``np_random`` and
@@ -76,15 +80,19 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
         *,
         render_mode: str | None = None,
         view: View = "2d",
+        frame_skip: int = 1,
     ) -> None:
         self.scenario = check_scenario(scenario)
         _refuse_next_step_autoreset(scenario)
+        self.frame_skip = check_count("frame_skip", frame_skip)
         self.render_mode = check_render_mode(render_mode, view)
         self.observation_space: spaces.Dict = without_scalars(select_space(observation_keys))
         self.action_space = spaces.Discrete(NUM_ACTIONS)
         drawn_keys = DRAWN_KEYS if self.render_mode else ()
-        self._matches = Matches(scenario, 1, 1, self.observation_space, drawn_keys)
-        self._in_engine = EpisodeInEngine(scenario) if render_mode and view == "3d" else None
+        self._matches = Matches(scenario, 1, 1, self.observation_space, drawn_keys, frame_skip)
+        self._in_engine = (
+            EpisodeInEngine(scenario, frame_skip) if render_mode and view == "3d" else None
+        )
         self._episode_number = FIRST_EPISODE - 1
 
     def reset(
@@ -179,6 +187,7 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
             list(self.observation_space),
             render_mode=self.render_mode,
             view="3d" if self._in_engine else "2d",
+            frame_skip=self.frame_skip,
         )
         other.spec = self.spec
         other.np_random = copy.deepcopy(self.np_random)

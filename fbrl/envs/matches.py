@@ -80,6 +80,7 @@ class Matches:
         num_threads: Of the engine.
         keys: What is observed, names in :data:`~fbrl.envs.observation.OBSERVATION_SPACE`.
         drawn_keys: What else :attr:`arrays` have, to be drawn.
+        frame_skip: How often 100 ms are played in a step, at least 1.
 
     Attributes:
         arrays: What was observed last, shape (num_matches, ...) for each key, and of the last step
@@ -94,6 +95,7 @@ class Matches:
         num_threads: int,
         keys: Iterable[str],
         drawn_keys: Iterable[str] = (),
+        frame_skip: int = 1,
     ) -> None:
         engine = load_gfootball().engine
         if _open_matches:
@@ -102,7 +104,7 @@ class Matches:
             gc.collect()
         _open_matches.add(self)
         self.scenario = scenario
-        self.native = engine.Matches(scenario, num_matches, num_threads)
+        self.native = engine.Matches(scenario, num_matches, num_threads, frame_skip)
         self._keys = list(keys)
         spaces = {key: OBSERVATION_SPACE[key] for key in (*self._keys, *drawn_keys)}
         self.arrays = empty_arrays(spaces, num_matches)
@@ -145,6 +147,8 @@ class Matches:
     def step(self, matches: Sequence[int], actions: Sequence[int]) -> None:
         """Has these matches play 100 ms (ten physics steps), and on until the game is in play.
 
+        That ``frame_skip`` times, or up to the episode's end; the action is played the first time
+        alone, but for the engine's own player.
         Actions are indices in [0, 18], or :data:`~fbrl.envs.engine.BUILTIN_AI`. A ``RuntimeError``
         names a match that is not running, or that failed in the engine.
         """

@@ -35,7 +35,11 @@ def main(width: int, height: int, descriptor: int) -> None:
 
 
 def _play(
-    renderer: Any, episode: tuple[str, int, int] | None, actions: Sequence[int], every: bool
+    renderer: Any,
+    episode: tuple[str, int, int] | None,
+    actions: Sequence[int],
+    frame_skip: int,
+    every: bool,
 ) -> Iterator[None]:
     """Stops at each state that is asked for."""
     if episode is not None:
@@ -43,7 +47,7 @@ def _play(
         if every:
             yield
     for action in actions:
-        renderer.step(action, draw=every)
+        renderer.step(action, draw=every, frame_skip=frame_skip)
         if every:
             yield
     if not every:

@@ -82,8 +82,9 @@ def _match_picture() -> MatchPicture:
 class EpisodeInEngine:
     """Episodes of a scenario as the engine draws them, which plays along where it is asked to."""
 
-    def __init__(self, scenario: str) -> None:
+    def __init__(self, scenario: str, frame_skip: int) -> None:
         self._scenario = scenario
+        self._frame_skip = frame_skip
         self._pictures = EnginePictures(WIDTH, WIDTH * 9 // 16)
         self.close = self._pictures.close
 
@@ -103,6 +104,7 @@ class EpisodeInEngine:
         if self._drawn != len(self._actions):
             begun, self._drawn = self._drawn, None
             episode = self._episode if begun is None else None
-            ((_, self._picture),) = self._pictures.play(episode, self._actions[begun or 0 :])
+            actions = self._actions[begun or 0 :]
+            ((_, self._picture),) = self._pictures.play(episode, actions, self._frame_skip)
             self._drawn = len(self._actions)
         return self._picture.copy()

@@ -44,13 +44,15 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         observation_keys: What is observed.
         action_set: ``"default"`` (19 actions), or ``"v2"`` with the engine's own player as a 20th.
         render_mode: As for :class:`FootballEnv`; the matches are seen from above.
+        frame_skip: As for :class:`FootballEnv`.
 
     Attributes:
         begun_midway: Which matches are in an episode that began in a state of an earlier one, see
             :meth:`begin_from`; bool (num_envs,).
 
     Raises:
-        ValueError: ``num_envs`` or ``num_threads`` is not positive, or a name is unknown.
+        ValueError: ``num_envs``, ``num_threads`` or ``frame_skip`` is not positive, or a name is
+            unknown.
         TypeError: One of these is no integer, or the keys are no list of names.
         EngineNotInstalledError: gfootball is missing.
         MissingExtraError: Packages that pictures need are missing.
@@ -74,6 +76,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         action_set: ActionSet = "default",
         *,
         render_mode: str | None = None,
+        frame_skip: int = 1,
     ) -> None:
         num_envs = check_count("num_envs", num_envs)
         if num_threads is not None:
@@ -84,6 +87,7 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self.num_envs = num_envs
         # TorchRL's GymWrapper asks the instance, not its metadata.
         self.autoreset_mode = AutoresetMode.DISABLED
+        self.frame_skip = check_count("frame_skip", frame_skip)
         self.single_observation_space: spaces.Dict = select_space(observation_keys)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._num_actions = _ACTIONS_IN_SET[check_name("action_set", action_set, _ACTIONS_IN_SET)]
@@ -92,7 +96,9 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self.num_threads = min(num_envs, num_threads or len(os.sched_getaffinity(0)))
         self.render_mode = check_render_mode(render_mode)
         keys, drawn_keys = self.single_observation_space, DRAWN_KEYS if render_mode else ()
-        self._matches = Matches(scenario, num_envs, self.num_threads, keys, drawn_keys)
+        self._matches = Matches(
+            scenario, num_envs, self.num_threads, keys, drawn_keys, self.frame_skip
+        )
         self._episodes = [arguments.EpisodeSeeds() for _ in range(num_envs)]
         self.begun_midway = np.zeros(num_envs, bool)
         # What each match begins at its end, while the others are still stepped: the seeds of the

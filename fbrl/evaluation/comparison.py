@@ -141,6 +141,7 @@ def play(
         reward="analytics" if reward is None else reward.clone(),
         observation="simple115" if config is None else make_agent_observation(config),
         action_set=evaluated.action_set,
+        frame_skip=1 if config is None else config.ppo.frame_skip,
         seed=fresh_seed(config, scenario, seed),
     )
     cuda = [device] if device.type == "cuda" else []

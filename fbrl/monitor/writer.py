@@ -74,6 +74,7 @@ class Monitor:
         if checkpoint:
             self._go_on(checkpoint)
         rewards = tuple(name for name in self._recent.names if name.startswith("reward/"))
+        self._frame_skip = config.ppo.frame_skip
         settings = hyperparameters(config)
         experiment, start, _ = hparams(settings, dict.fromkeys(GOAL_DIFFERENCE_NAMES))
         for summary in (custom_scalars(chart_layout(rewards)), experiment, start):
@@ -146,11 +147,12 @@ class Monitor:
             collect_cores: Cores that collection used, on average.
         """
         self._recent.add(batch)
+        frames_here = batch.numel() * self._frame_skip
         counts = torch.bincount(batch.get("action").reshape(-1), minlength=len(ACTION_TAGS))
         of_iteration = {
             **dict(zip(ACTION_TAGS, (counts / batch.numel()).tolist(), strict=True)),
             **{f"ppo/{name}": value for name, value in losses.items()},
-            "time/frames_per_second": batch.numel() / (collect_seconds + update_seconds),
+            "time/frames_per_second": frames_here / (collect_seconds + update_seconds),
             "time/collect_seconds": collect_seconds,
             "time/update_seconds": update_seconds,
             "time/collect_cores": collect_cores,

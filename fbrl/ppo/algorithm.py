@@ -106,14 +106,14 @@ class PPO:
         for _ in range(config.num_epochs):
             epoch = [
                 update(self.loss, self.optimizer, minibatch, config.max_grad_norm)
-                for minibatch in minibatches(flat, config.frames_per_minibatch)
+                for minibatch in minibatches(flat, config.steps_per_minibatch)
             ]
             steps += epoch
             # Reading it makes a GPU wait.
             kl = 0.0 if config.target_kl is None else TensorDict.stack(epoch)["approx_kl"].mean()
             if kl > (config.target_kl or 0.0):
                 break
-        self.frames += batch.numel()
+        self.frames += batch.numel() * config.frame_skip
         means = TensorDict.stack(steps).mean(0)
         means["explained_variance"] = explained_variance(flat)
         losses = {name: float(value) for name, value in means.cpu().items()}

@@ -30,17 +30,17 @@ class TrainingDivergedError(ArithmeticError):
         self.losses = dict(losses or {})
 
 
-def minibatches(batch: TensorDictBase, frames_per_minibatch: int) -> Iterator[TensorDictBase]:
+def minibatches(batch: TensorDictBase, steps_per_minibatch: int) -> Iterator[TensorDictBase]:
     """Splits a flat batch at random into minibatches of one size; a remainder is left out.
 
     Args:
-        batch: Shape (frames,).
-        frames_per_minibatch: Size of each minibatch.
+        batch: Shape (steps,).
+        steps_per_minibatch: Size of each minibatch.
     """
-    frames = batch.shape[0]
-    order = torch.randperm(frames, device=batch.device)
-    whole = frames - frames % frames_per_minibatch
-    for index in order[:whole].split(frames_per_minibatch):
+    steps = batch.shape[0]
+    order = torch.randperm(steps, device=batch.device)
+    whole = steps - steps % steps_per_minibatch
+    for index in order[:whole].split(steps_per_minibatch):
         yield batch[index]
 
 
@@ -55,7 +55,7 @@ def update(
     Args:
         loss_module: The loss, over the parameters that the optimizer holds.
         optimizer: Takes the step.
-        minibatch: Shape (frames,) with the observation, ``action``, ``action_log_prob``,
+        minibatch: Shape (steps,) with the observation, ``action``, ``action_log_prob``,
             ``advantage`` and ``value_target``.
         max_grad_norm: The gradient is scaled down to this norm.
 

@@ -31,9 +31,9 @@ the matches depend on it."""
 _DOTS_PER_INCH = 90
 _VIDEO_WIDTH = 480
 _FRAMES = 200
-_STEPS_PER_FRAME = 2
-# Twice as fast as it was played: ten steps are a second.
-_FRAMES_PER_SECOND = 10.0
+_SECONDS_PER_FRAME = 0.2
+# Of the match in one of the film.
+_SPEED = 2.0
 
 
 class Evaluator:
@@ -105,6 +105,7 @@ class Evaluator:
             reward=self._reward.clone(),
             episodes=1,
             seed=self._seed,
+            frame_skip=config.ppo.frame_skip,
             device=device,
         )
         pictures = MatchPictures(self._reward)
@@ -145,7 +146,7 @@ class MatchPictures:
         return file.getvalue()
 
     def film(self, match: MatchRecording) -> bytes:
-        """An animated GIF of a match from above: its first 40 seconds, at twice their speed.
+        """An animated GIF of a match from above: its first 200 pictures, at twice its speed.
 
         Raises:
             OSError: There is no room for it.
@@ -155,8 +156,9 @@ class MatchPictures:
         from fbrl.watch.video import write_video
 
         frames = PitchView(self._paid, _VIDEO_WIDTH).frames(match)
-        shown = itertools.islice(frames, 0, _FRAMES * _STEPS_PER_FRAME, _STEPS_PER_FRAME)
+        stride = max(1, round(_SECONDS_PER_FRAME / match.seconds_per_step))
+        shown = itertools.islice(frames, 0, _FRAMES * stride, stride)
         with tempfile.TemporaryDirectory(prefix="fbrl-video-") as folder:
             path = Path(folder, "match.gif")
-            write_video(path, shown, fps=_FRAMES_PER_SECOND)
+            write_video(path, shown, fps=_SPEED / (stride * match.seconds_per_step))
             return path.read_bytes()

@@ -234,7 +234,7 @@ class TrainingLoop:
         started, computed = time.perf_counter(), time.process_time()
         with self.interrupt.allowed():
             batch = ppo.collect()
-            if ppo.frames + batch.numel() < self.config.ppo.total_frames:
+            if ppo.frames + ppo.config.frames_per_batch < ppo.config.total_frames:
                 ppo.collector.begin_next()
         collected = time.perf_counter()
         cores = (time.process_time() - computed) / (collected - started)

@@ -52,7 +52,9 @@ class EngineView:
             RenderingError: The process ended, hangs, or plays another match than was recorded.
         """
         episode = recording.scenario, recording.engine_seed, recording.episode_number
-        play = self._pictures.play(episode, recording.actions.tolist(), every=True)
+        play = self._pictures.play(
+            episode, recording.actions.tolist(), recording.frame_skip, every=True
+        )
         with contextlib.closing(play) as played:
             for index, (positions, picture) in enumerate(played):
                 if not np.array_equal(positions, _positions(recording, index)):

@@ -14,7 +14,6 @@ from fbrl.drawing.match_picture import (
     LEFT_COLOUR,
     PANEL_COLOUR,
     RIGHT_COLOUR,
-    SECONDS_PER_STEP,
     MatchPicture,
 )
 from fbrl.watch.panels import ActionPanel, RewardStrip
@@ -77,7 +76,7 @@ class PitchView:
             self._draw_last_pass(frame, passes, index)
             self._draw_trail(frame, ball[trail_starts[index] : index + 1])
             state = {key: array[index] for key, array in recording.observations.items()}
-            self._picture.draw(frame, state, index * SECONDS_PER_STEP)
+            self._picture.draw(frame, state, index * recording.seconds_per_step)
             self._actions.draw(frame, recording, index)
             strip.draw(frame, index)
             yield frame

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torchrl.envs import EnvBase, ExplorationType, Transform, set_exploration_type, step_mdp
 
+from fbrl.drawing.match_picture import SECONDS_PER_STEP
 from fbrl.envs.factory import make_env, make_reward
 from fbrl.envs.rendering import DRAWN_KEYS
 from fbrl.evaluation.evaluation import Policy
@@ -23,8 +24,8 @@ RECORDED_KEYS = (*DRAWN_KEYS, "ball_owned_team", "ball_owned_player", "sticky_ac
 class MatchRecording:
     """One match of n steps, and so of n + 1 states.
 
-    The engine plays the same match again for the same scenario, seed, episode number and actions,
-    so that no state of the engine need be kept to show the match in three dimensions.
+    The engine plays the same match again for the same scenario, seed, episode number, actions and
+    frame skip, so that no state of the engine need be kept to show the match in three dimensions.
 
     Attributes:
         scenario: A name in :data:`fbrl.envs.SCENARIOS`.
@@ -33,6 +34,7 @@ class MatchRecording:
         actions: int64 (n,) in [0, 19]: action i led from state i to state i + 1.
         observations: For each of :data:`RECORDED_KEYS` an array (n + 1, ...), ended by its shape.
         rewards: For each part of the reward, by its name in the environment, float32 (n,).
+        frame_skip: Steps of gfootball in each step.
     """
 
     scenario: str
@@ -41,11 +43,17 @@ class MatchRecording:
     actions: np.ndarray
     observations: Mapping[str, np.ndarray]
     rewards: Mapping[str, np.ndarray]
+    frame_skip: int = 1
 
     @property
     def num_steps(self) -> int:
-        """Steps of 100 ms that the match took."""
+        """Steps that the match took."""
         return len(self.actions)
+
+    @property
+    def seconds_per_step(self) -> float:
+        """How long a step lasts, where the game is not interrupted."""
+        return SECONDS_PER_STEP * self.frame_skip
 
     @property
     def score(self) -> tuple[int, int]:
@@ -62,6 +70,7 @@ def record_matches(
     reward: str | ScoringReward,
     episodes: int,
     seed: int,
+    frame_skip: int = 1,
     greedy: bool = False,
     device: torch.device | str = "cpu",
     on_progress: Callable[[int, int], None] | None = None,
@@ -79,6 +88,7 @@ def record_matches(
         reward: Whose parts are recorded, likewise.
         episodes: How many matches.
         seed: Of the matches and of the sampled actions.
+        frame_skip: Of the matches, likewise.
         greedy: Take the most probable action instead of sampling.
         device: Where the policy runs.
         on_progress: Called after each step with the matches that are over and the steps of the
@@ -106,6 +116,7 @@ def record_matches(
         reward=reward,
         observation=observation,
         action_set=getattr(policy, "action_set", "default"),
+        frame_skip=frame_skip,
         keep_keys=RECORDED_KEYS,
         seed=seed,
     )
@@ -158,4 +169,5 @@ def _record_match(
         # The batch of one match becomes the sequence of its states.
         {key: torch.cat([o[key] for o in observations]).numpy() for key in RECORDED_KEYS},
         dict(zip(parts, np.array(rewards, np.float32).T, strict=True)),
+        env.frame_skip,
     )

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from fbrl.checks import check_count
 from fbrl.density import AssistDensity, PositionDensity
 from fbrl.density.assist import DensityMetadata
 from fbrl.envs.engine import BUILTIN_AI, MAX_SEED
@@ -21,10 +22,11 @@ from fbrl.files.atomic_write import atomic_write
 from fbrl.watch.recording import RECORDED_KEYS, MatchRecording
 
 FORMAT = "fbrl-matches"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""Version 1 knows no frame skip."""
 
 _LARGEST_CONTENT = 2**30
-_FACTS = ("scenario", "engine_seed", "episode_number")
+_FACTS = ("scenario", "engine_seed", "episode_number", "frame_skip")
 
 
 class ReplayError(ValueError):
@@ -118,12 +120,13 @@ def _match(index: int, entry: Mapping[str, Any], arrays: Mapping[str, Any]) -> M
         _check(name, array, (steps,), np.dtype(np.float32), -np.inf, np.inf)
     if not rewards:
         raise ValueError("a match without rewards")
-    scenario, seed, number = (entry[name] for name in _FACTS)
+    scenario, seed, number, frame_skip = ({"frame_skip": 1, **entry}[name] for name in _FACTS)
     if not (isinstance(scenario, str) and isinstance(seed, int) and isinstance(number, int)):
         raise ValueError("scenario, seed or episode number are of the wrong type")
+    check_count("frame_skip", frame_skip)
     if not (0 <= seed <= MAX_SEED and 0 <= number <= MAX_SEED):
         raise ValueError(f"seed {seed} or episode number {number} are out of range")
-    return MatchRecording(scenario, seed, number, actions, observations, rewards)
+    return MatchRecording(scenario, seed, number, actions, observations, rewards, frame_skip)
 
 
 def _check(

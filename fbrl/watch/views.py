@@ -11,7 +11,6 @@ import numpy as np
 from fbrl.checks import check_name
 from fbrl.density import AssistDensity
 from fbrl.drawing.canvas import text
-from fbrl.drawing.match_picture import SECONDS_PER_STEP
 from fbrl.watch.engine_view import EngineView
 from fbrl.watch.pitch_view import PitchView
 from fbrl.watch.recording import MatchRecording
@@ -87,7 +86,7 @@ def captioned_frames(
     for frame in frames:
         yield frame
     left, right = recording.score
-    seconds = f"{recording.num_steps * SECONDS_PER_STEP:.1f} s"
+    seconds = f"{recording.num_steps * recording.seconds_per_step:.1f} s"
     if left + right == 1:
         result = f"{'goal' if left else 'goal against'} after {seconds}"
     else:
