@@ -169,5 +169,5 @@ def _record_match(
         # The batch of one match becomes the sequence of its states.
         {key: torch.cat([o[key] for o in observations]).numpy() for key in RECORDED_KEYS},
         dict(zip(parts, np.array(rewards, np.float32).T, strict=True)),
-        env.frame_skip,
+        env.matches.frame_skip,
     )
