@@ -19,18 +19,21 @@ _SCALARS = (bool, int, float, str, type(None))
 _GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
-def check_count(name: str, count: Any, at_least: int = 1) -> int:
+def check_count(name: str, count: Any, at_least: int = 1, at_most: int | None = None) -> int:
     """Returns the count as an ``int``; messages call it ``name``.
 
     Raises:
         TypeError: It is no integer; ``True`` is none either.
-        ValueError: It is too small.
+        ValueError: It is too small or too large.
     """
     if isinstance(count, bool) or not isinstance(count, numbers.Integral):
         raise TypeError(f"{name} is {count!r}; it must be an integer of at least {at_least}.")
     if count < at_least:
         raise ValueError(f"{name} is {count}; it must be at least {at_least}.")
-    return int(count)
+    number = int(count)
+    if at_most is not None and number > at_most:
+        raise ValueError(f"{name} is {number}; it must be at most {at_most}.")
+    return number
 
 
 class UnknownNameError(ValueError):

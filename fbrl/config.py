@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from fbrl.components import LOGGERS, MASKS, NETWORKS, OBSERVATIONS, PICTURES, REWARDS
 from fbrl.registry import ConfigError, Registry, check_types, module_of
-from fbrl.scenarios import check_scenario
+from fbrl.scenarios import LARGEST_FRAME_SKIP, check_scenario
 
 LARGEST = 10**12
 """Of any number of frames, matches or seconds."""
@@ -41,7 +41,7 @@ class PPOConfig:
     """Steps that each match plays between two updates."""
     frame_skip: int = 1
     """Frames in each step. The action is played in the first of them, as a button is pressed once,
-    and what is held stays held. Steps are farther apart then, so that gamma may be smaller."""
+    and what is held stays held. gamma is that of a step, and so has to be smaller."""
     num_minibatches: int = 8
     """Minibatches that a batch of num_envs * num_steps steps is split into."""
     minibatch_size: int | None = None
@@ -100,9 +100,10 @@ class PPOConfig:
     def check(self) -> None:
         """Raises :class:`ConfigError` for a value of another type or out of range."""
         check_types(self)
-        names = ["total_frames", "num_envs", "num_steps", "frame_skip"]
-        names += ["num_minibatches", "num_epochs"]
+        names = ["total_frames", "num_envs", "num_steps", "num_minibatches", "num_epochs"]
         _check(self, names, lambda number: 1 <= number <= LARGEST, f"in [1, {LARGEST:,}]")
+        most = LARGEST_FRAME_SKIP
+        _check(self, ("frame_skip",), lambda frames: 1 <= frames <= most, f"in [1, {most}]")
         names = ["learning_rate", "clip_epsilon", "critic_coeff", "max_grad_norm", "target_kl"]
         _check(self, names, lambda value: 0 < value < math.inf, "a number above 0")
         names = ["entropy_coeff", "entropy_coeff_end"]

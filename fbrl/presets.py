@@ -20,11 +20,15 @@ PRESETS = {
 # experiments/learning: what learned academy_counterattack_hard, from weights of another training.
 _STRONG = PPOConfig(
     num_envs=32,
-    num_steps=128,
+    num_steps=64,
+    frame_skip=2,
     num_minibatches=4,
     num_epochs=6,
     target_kl=0.02,
     learning_rate=5e-4,
+    anneal_learning_rate=False,
+    gamma=0.986,
+    entropy_coeff_end=0.0,
     normalize_reward=True,
 )
 

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from fbrl.envs.vector_env import FootballVectorEnv
 
 
+LARGEST_FRAME_SKIP = 100
+"""Ten seconds of a match for one action."""
+
+
 @dataclass(frozen=True)
 class Scenario:
     """One scenario module of gfootball 2.10.2."""

@@ -192,7 +192,7 @@ def test_time_shares_of_a_training_add_up_to_a_hundred_and_leave_nothing_behind(
 def test_trainings_keep_the_presets_minibatches(network, preset):
     expected = preset_config(preset, THREE_VS_ONE).ppo
     ppo = training_config(THREE_VS_ONE, network, 128, 2, "cpu", SEED).ppo
-    assert ppo.steps_per_minibatch == expected.frames_per_minibatch
+    assert ppo.steps_per_minibatch == expected.steps_per_minibatch
     assert (ppo.num_envs, ppo.num_epochs) == (expected.num_envs, expected.num_epochs)
     assert ppo.num_batches == 2
 

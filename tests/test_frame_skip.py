@@ -26,6 +26,8 @@ from fbrl.watch.replay_file import load_replay, save_replay
 
 SCENARIO = "academy_counterattack_easy"
 IDLE = 0
+SEED_WITH_GOALS = 1
+"""An engine seed with which the engine's own player scores in a full match."""
 
 
 def played_one_by_one(env, action, frame_skip):
@@ -84,13 +86,36 @@ def test_the_engines_own_player_decides_in_every_frame():
         np.testing.assert_array_equal(observation["left_team"], expected["left_team"])
 
 
+def test_a_step_pays_for_all_of_its_frames_and_ends_with_the_match():
+    scenario, frame_skip = "11_vs_11_easy_stochastic", 90  # goals don't end it, its limit does
+    skipping = FootballVectorEnv(scenario, 1, action_set="v2", frame_skip=frame_skip)
+    single = FootballVectorEnv(scenario, 1, action_set="v2")
+    skipping.reset(seed=[SEED_WITH_GOALS])
+    single.reset(seed=[SEED_WITH_GOALS])
+    rewards, last_frames = [], []
+    truncated = [False]
+    while not truncated[0]:
+        _, reward, _, truncated, _ = skipping.step(np.array([BUILTIN_AI]))
+        of_frames, of_single = [], [False]
+        while len(of_frames) < frame_skip and not of_single[0]:
+            _, frame_reward, _, of_single, _ = single.step(np.array([BUILTIN_AI]))
+            of_frames.append(frame_reward[0])
+        assert reward[0] == sum(of_frames)
+        assert truncated[0] == of_single[0]
+        rewards.append(reward[0])
+        last_frames.append(of_frames[-1])
+    assert sum(map(abs, rewards)) > sum(map(abs, last_frames))
+    assert len(of_frames) < frame_skip
+
+
 def test_gymnasium_hands_it_on():
     env = gymnasium.make(f"fbrl/{SCENARIO}-v0", frame_skip=2)
     before = env.reset(seed=0)[0]["steps_left"].item()
     assert env.step(5)[0]["steps_left"].item() == before - 2
+    assert env.metadata["render_fps"] == 5  # in real time
 
 
-@pytest.mark.parametrize("frame_skip", [0, -1])
+@pytest.mark.parametrize("frame_skip", [0, -1, 101, 2**40])
 def test_a_frame_skip_that_is_none_is_named(frame_skip):
     with pytest.raises(ValueError, match=f"frame_skip is {frame_skip}"):
         FootballEnv(SCENARIO, frame_skip=frame_skip)
@@ -135,7 +160,9 @@ def test_an_agent_plays_as_it_was_trained(run_dir):
     env.close()
     options = {"episodes": 4, "seed": 1, "num_envs": 2, "greedy": False, "on_progress": lambda _: 0}
     evaluation = play(trained(run_dir, "cpu"), SCENARIO, device=torch.device("cpu"), **options)
-    assert evaluation.matches["length"].max() <= 100  # of the 400 frames of a match
+    lengths = evaluation.matches["length"]
+    assert not (lengths % 4).any()
+    assert lengths.min() > 4
 
 
 def test_a_recording_is_drawn_at_its_own_pace(run_dir, tmp_path, run_main):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from fbrl.checks import check_memory, memory, memory_limit
+from fbrl import checks
+from fbrl.checks import check_memory, memory_limit
 from fbrl.cli.train import main
 from fbrl.envs import FootballVectorEnv
 
@@ -33,7 +34,7 @@ def test_a_training_that_does_not_fit_ends_with_one_line(tmp_path, capsys, monke
 
 def test_the_limit_is_the_containers_where_there_is_one(monkeypatch, tmp_path):
     file = tmp_path / "memory.max"
-    monkeypatch.setattr(memory, "_GROUP_LIMIT", file)
+    monkeypatch.setattr(checks, "_GROUP_LIMIT", file)
     machine = memory_limit()
     file.write_text("max\n")
     assert memory_limit() == machine > 2**28

@@ -151,11 +151,11 @@ NB_MODULE(_native, module) {
       .def("reset", &Renderer::reset, "config"_a, parallel,
            "Starts an episode of a fbrl_engine ScenarioConfig and plays on until the game is in play.")
       .def("step", &Renderer::step, "action"_a, "draw"_a = true, "frame_skip"_a = 1, parallel,
-           "Plays 100 ms, and on until the game is in play.\n\n"
+           "Plays frame_skip times 100 ms, and on until the game is in play.\n\n"
            "Args:\n"
            "    action: In [0, 19], as those of fbrl_engine's matches.\n"
            "    draw: Whether it is to be seen; drawing takes a hundred times as long as playing.\n"
-           "    frame_skip: As that of fbrl_engine's matches.\n")
+           "    frame_skip: As that of fbrl_engine's matches; each of its frames is drawn.\n")
       .def("set_state", &Renderer::set_state, "state"_a,
            "Shows a state of the episode that was reset to.\n\n"
            "Args:\n"

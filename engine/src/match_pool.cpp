@@ -194,6 +194,7 @@ class MatchPool::Sending {
 MatchPool::MatchPool(std::string scenario, int num_matches, int num_threads, int frame_skip,
                      std::string data_dir)
     : shared_(std::make_shared<Shared>(std::move(scenario), frame_skip)) {
+  if (frame_skip < 1) throw std::invalid_argument("The frame skip has to be at least 1.");
   for (int i = 0; i < num_matches; i++) {
     shared_->slots.push_back(std::make_unique<Slot>(data_dir));
   }

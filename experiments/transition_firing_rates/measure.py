@@ -43,6 +43,7 @@ def measure(scenario: str, run: Path | None, steps: int, seed: int) -> dict[str,
         num_envs=NUM_ENVS,
         reward="scoring",
         observation="simple115" if agent is None else agent.config.observation,
+        frame_skip=1 if agent is None else agent.config.ppo.frame_skip,
         keep_keys=raw_keys,
         seed=seed,
     )

@@ -58,7 +58,7 @@ def _tables(
         "against": _text("{goals_against:.3f}"),
     }
     play = {
-        "steps": _text("{length:.0f}"),
+        "frames": _text("{length:.0f}"),
         "possession": _number("possession_share", ".0%"),
         "passes": _text("{passes:.2f}"),
         "shots": _text("{shots:.2f}"),

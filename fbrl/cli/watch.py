@@ -97,7 +97,7 @@ def _parser() -> Parser:
     add(
         "--fps",
         type=number_in(float, 1, 100, "in [1, 100]"),
-        help="frames a second (default: real time: 10, or fewer for a frame skip)",
+        help="pictures a second (default: in real time: 10, or fewer with a frame skip)",
     )
 
     add_played = parser.add_argument_group("matches that are played").add_argument

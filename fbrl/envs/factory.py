@@ -208,17 +208,21 @@ def make_env(
     return env
 
 
-def figures_of_matches(ends: TensorDictBase, reward_names: Iterable[str]) -> dict[str, Tensor]:
+def figures_of_matches(
+    ends: TensorDictBase, reward_names: Iterable[str], frame_skip: int = 1
+) -> dict[str, Tensor]:
     """What there is to tell of matches that have ended, each float64 of shape (matches,).
 
     Args:
         ends: What their last steps led to, shape (matches,).
         reward_names: Of the reward and its parts, whose sums over the match are told, too.
+        frame_skip: Of the matches.
 
     Returns:
-        ``goal_difference``, ``goals_for``, ``goals_against``, ``length`` (steps),
-        ``possession_share`` (of the steps after which somebody had the ball; NaN where nobody ever
-        had), ``passes``, ``shots``, and the sums by the names of the rewards.
+        ``goal_difference``, ``goals_for``, ``goals_against``, ``length`` (frames; a step that the
+        end cuts off counts as a whole), ``possession_share`` (of the steps after which somebody had
+        the ball; NaN where nobody ever had), ``passes``, ``shots``, and the sums by the names of
+        the rewards.
     """
     totals = ends.get("play_statistics").to(torch.float64)
     play = dict(zip(PLAY_STATISTICS, totals.unbind(-1), strict=True))
@@ -227,7 +231,7 @@ def figures_of_matches(ends: TensorDictBase, reward_names: Iterable[str]) -> dic
         "goal_difference": play["goals_for"] - play["goals_against"],
         "goals_for": play["goals_for"],
         "goals_against": play["goals_against"],
-        "length": ends.get(EPISODE_LENGTH).double().squeeze(-1),
+        "length": ends.get(EPISODE_LENGTH).double().squeeze(-1) * frame_skip,
         "possession_share": play["possession"] / (play["possession"] + play["opponent_possession"]),
         "passes": play["passes"],
         "shots": play["shots"],

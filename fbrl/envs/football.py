@@ -24,8 +24,9 @@ from fbrl.envs.rendering import (
     View,
     check_render_mode,
     draw_from_above,
+    render_metadata,
 )
-from fbrl.scenarios import check_scenario
+from fbrl.scenarios import LARGEST_FRAME_SKIP, check_scenario
 
 
 class FootballEnv(gymnasium.Env[Observation, np.int64]):
@@ -45,7 +46,7 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
 
     Raises:
         ValueError: An observation key, the scenario, the render mode or the view is unknown, or
-            ``frame_skip`` is not positive.
+            ``frame_skip`` is not in [1, 100].
         EngineNotInstalledError: gfootball is missing.
         MissingExtraError: Packages that pictures need are missing.
 
@@ -84,14 +85,15 @@ class FootballEnv(gymnasium.Env[Observation, np.int64]):
     ) -> None:
         self.scenario = check_scenario(scenario)
         _refuse_next_step_autoreset(scenario)
-        self.frame_skip = check_count("frame_skip", frame_skip)
+        self.frame_skip = check_count("frame_skip", frame_skip, at_most=LARGEST_FRAME_SKIP)
+        self.metadata = render_metadata(self.frame_skip)
         self.render_mode = check_render_mode(render_mode, view)
         self.observation_space: spaces.Dict = without_scalars(select_space(observation_keys))
         self.action_space = spaces.Discrete(NUM_ACTIONS)
         drawn_keys = DRAWN_KEYS if self.render_mode else ()
-        self._matches = Matches(scenario, 1, 1, self.observation_space, drawn_keys, frame_skip)
+        self._matches = Matches(scenario, 1, 1, self.observation_space, drawn_keys, self.frame_skip)
         self._in_engine = (
-            EpisodeInEngine(scenario, frame_skip) if render_mode and view == "3d" else None
+            EpisodeInEngine(scenario, self.frame_skip) if render_mode and view == "3d" else None
         )
         self._episode_number = FIRST_EPISODE - 1
 

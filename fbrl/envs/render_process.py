@@ -47,7 +47,8 @@ def _play(
         if every:
             yield
     for action in actions:
-        renderer.step(action, draw=every, frame_skip=frame_skip)
+        # Drawn by render() at its end otherwise, not in each of the frames.
+        renderer.step(action, draw=every and frame_skip == 1, frame_skip=frame_skip)
         if every:
             yield
     if not every:

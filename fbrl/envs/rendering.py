@@ -19,6 +19,12 @@ View = Literal["2d", "3d"]
 
 RENDER_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
 
+
+def render_metadata(frame_skip: int) -> dict[str, Any]:
+    """What Gymnasium's wrappers film by, in real time."""
+    return RENDER_METADATA | {"render_fps": RENDER_METADATA["render_fps"] / frame_skip}
+
+
 WIDTH = 640
 """Of the pictures, pixels."""
 

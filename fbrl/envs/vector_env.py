@@ -18,8 +18,14 @@ from fbrl.envs import arguments
 from fbrl.envs.engine import NUM_ACTIONS
 from fbrl.envs.matches import RESULTS, Matches, MatchState, stating_what_is_no_match
 from fbrl.envs.observation import Observation, select_space
-from fbrl.envs.rendering import DRAWN_KEYS, RENDER_METADATA, check_render_mode, draw_from_above
-from fbrl.scenarios import check_scenario
+from fbrl.envs.rendering import (
+    DRAWN_KEYS,
+    RENDER_METADATA,
+    check_render_mode,
+    draw_from_above,
+    render_metadata,
+)
+from fbrl.scenarios import LARGEST_FRAME_SKIP, check_scenario
 
 ActionSet = Literal["default", "v2"]
 """Gfootball's names: 19 actions, or these and :data:`~fbrl.envs.engine.BUILTIN_AI`."""
@@ -51,8 +57,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
             :meth:`begin_from`; bool (num_envs,).
 
     Raises:
-        ValueError: ``num_envs``, ``num_threads`` or ``frame_skip`` is not positive, or a name is
-            unknown.
+        ValueError: ``num_envs`` or ``num_threads`` is not positive, ``frame_skip`` not in
+            [1, 100], or a name is unknown.
         TypeError: One of these is no integer, or the keys are no list of names.
         EngineNotInstalledError: gfootball is missing.
         MissingExtraError: Packages that pictures need are missing.
@@ -87,7 +93,8 @@ class FootballVectorEnv(VectorEnv[Observation, np.ndarray, np.ndarray]):
         self.num_envs = num_envs
         # TorchRL's GymWrapper asks the instance, not its metadata.
         self.autoreset_mode = AutoresetMode.DISABLED
-        self.frame_skip = check_count("frame_skip", frame_skip)
+        self.frame_skip = check_count("frame_skip", frame_skip, at_most=LARGEST_FRAME_SKIP)
+        self.metadata = self.metadata | render_metadata(self.frame_skip)
         self.single_observation_space: spaces.Dict = select_space(observation_keys)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._num_actions = _ACTIONS_IN_SET[check_name("action_set", action_set, _ACTIONS_IN_SET)]

@@ -24,9 +24,10 @@ class Evaluation:
 
     Attributes:
         matches: An array of shape (episodes,) for each figure: ``goal_difference``,
-            ``goals_for``, ``goals_against``, ``length`` (steps), ``possession_share`` (of the steps
-            after which somebody had the ball; NaN where nobody ever had), ``passes``, ``shots``,
-            ``reward`` and each of its parts (sums over the match), such as ``reward_scoring``.
+            ``goals_for``, ``goals_against``, ``length`` (frames), ``possession_share`` (of the
+            steps after which somebody had the ball; NaN where nobody ever had), ``passes``,
+            ``shots``, ``reward`` and each of its parts (sums over the match), such as
+            ``reward_scoring``.
     """
 
     matches: Mapping[str, np.ndarray]
@@ -112,7 +113,9 @@ def evaluate(
             on_step(following, counted)
         ended = following.get("done").squeeze(-1) & counted
         if ended.any():
-            figures.append(figures_of_matches(following[ended], env.reward_keys))
+            figures.append(
+                figures_of_matches(following[ended], env.reward_keys, env.matches.frame_skip)
+            )
             num_ended += int(ended.sum())
         if on_progress is not None:
             on_progress(num_ended)

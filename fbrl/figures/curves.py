@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 AXIS_NAMES = {
     "match/goal_difference": "goal difference per match,\nlast 100 training matches",
-    "match/length": "length of a match (steps)",
+    "match/length": "length of a match (frames)",
     "reward/total": "reward per match",
     "evaluation/goal_difference": "goal difference per match,\nfresh matches",
     "time/frames_per_second": "frames per second",

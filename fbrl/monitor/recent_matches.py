@@ -24,12 +24,14 @@ class RecentMatches:
 
     Args:
         reward_parts: Names of the reward's parts, as its transform gives them.
+        frame_skip: Of the matches.
 
     Attributes:
         names: Of the means, as TensorBoard shows them, and of the number of matches.
     """
 
-    def __init__(self, reward_parts: tuple[str, ...]) -> None:
+    def __init__(self, reward_parts: tuple[str, ...], frame_skip: int = 1) -> None:
+        self._frame_skip = frame_skip
         rewards = {"reward/total": "reward"} | {
             part.replace("reward_", "reward/", 1): part for part in reward_parts
         }
@@ -56,7 +58,7 @@ class RecentMatches:
 
         sums = [EPISODE_PREFIX + name for name in self._rewards]
         told = following.select("play_statistics", EPISODE_LENGTH, *sums)
-        figures = figures_of_matches(told[ended], self._rewards)
+        figures = figures_of_matches(told[ended], self._rewards, self._frame_skip)
         difference = figures["goal_difference"]
         figures["win_share"] = (difference > 0).double()
         figures["draw_share"] = (difference == 0).double()

@@ -67,7 +67,7 @@ class Monitor:
         self._on_warning = on_warning
         self._failing: set[str] = set()
         self._tables: dict[str, Table] = {}
-        self._recent = RecentMatches(reward_parts)
+        self._recent = RecentMatches(reward_parts, config.ppo.frame_skip)
         self._latest: dict[str, float] = {}
         self._run_ids: dict[str, str] = {}
         self._events = EventFile(run_dir)

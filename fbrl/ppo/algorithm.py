@@ -33,7 +33,8 @@ class PPO:
         collector: Plays with the model's policy.
         model: Actor-critic whose trunk reads what is observed. It is trained in place, on the
             device where it is.
-        config: Hyperparameters.
+        config: Hyperparameters; the collector was made with its ``num_envs``, ``num_steps`` and
+            ``frame_skip``.
 
     Attributes:
         frames: Frames learned from so far.

@@ -30,9 +30,9 @@ the matches depend on it."""
 
 _DOTS_PER_INCH = 90
 _VIDEO_WIDTH = 480
-_FRAMES = 200
-_SECONDS_PER_FRAME = 0.2
-# Of the match in one of the film.
+_SECONDS = 40.0
+_SECONDS_PER_PICTURE = 0.2
+# Seconds of the match in one of the film.
 _SPEED = 2.0
 
 
@@ -146,7 +146,7 @@ class MatchPictures:
         return file.getvalue()
 
     def film(self, match: MatchRecording) -> bytes:
-        """An animated GIF of a match from above: its first 200 pictures, at twice its speed.
+        """An animated GIF of a match from above: its first 40 seconds, at twice their speed.
 
         Raises:
             OSError: There is no room for it.
@@ -156,8 +156,8 @@ class MatchPictures:
         from fbrl.watch.video import write_video
 
         frames = PitchView(self._paid, _VIDEO_WIDTH).frames(match)
-        stride = max(1, round(_SECONDS_PER_FRAME / match.seconds_per_step))
-        shown = itertools.islice(frames, 0, _FRAMES * stride, stride)
+        stride = max(1, round(_SECONDS_PER_PICTURE / match.seconds_per_step))
+        shown = itertools.islice(frames, 0, round(_SECONDS / match.seconds_per_step), stride)
         with tempfile.TemporaryDirectory(prefix="fbrl-video-") as folder:
             path = Path(folder, "match.gif")
             write_video(path, shown, fps=_SPEED / (stride * match.seconds_per_step))

@@ -19,13 +19,13 @@ from fbrl.drawing.match_picture import (
 from fbrl.watch.panels import ActionPanel, RewardStrip
 from fbrl.watch.recording import MatchRecording
 
-TRAIL_STEPS = 15
+TRAIL_FRAMES = 15
 """How long the ball's trail is."""
 
-PASS_STEPS = 25
+PASS_FRAMES = 25
 """How long a pass is shown after it was received."""
 
-# No ball flies this far in a step; it was put there, after a goal say.
+# No ball flies this far in a frame; it was put there, after a goal say.
 _JUMP_METRES = 10.0
 
 
@@ -45,7 +45,7 @@ class PitchView:
 
             view = PitchView(AssistDensity.default(), width=960)
             for match in record_matches(policy, "academy_3_vs_1_with_keeper", ...):
-                write_video("match.mp4", view.frames(match))
+                write_video("match.mp4", view.frames(match), fps=1 / match.seconds_per_step)
     """
 
     def __init__(self, density: AssistDensity | None, width: int = 960) -> None:
@@ -69,31 +69,35 @@ class PitchView:
         strip = RewardStrip(recording, self._strip_box, self._unit)
         strip.draw_empty(base)
         ball = self.pixels(recording.observations["ball"])
-        trail_starts = self._trail_starts(ball)
+        trail = max(1, TRAIL_FRAMES // recording.frame_skip)
+        farthest = _JUMP_METRES * recording.frame_skip
+        trail_starts = self._trail_starts(ball, trail, farthest)
         passes = completed_passes(recording)
         for index in range(recording.num_steps + 1):
             frame = base.copy()
-            self._draw_last_pass(frame, passes, index)
-            self._draw_trail(frame, ball[trail_starts[index] : index + 1])
+            self._draw_last_pass(frame, passes, index, PASS_FRAMES // recording.frame_skip)
+            self._draw_trail(frame, ball[trail_starts[index] : index + 1], trail)
             state = {key: array[index] for key, array in recording.observations.items()}
             self._picture.draw(frame, state, index * recording.seconds_per_step)
             self._actions.draw(frame, recording, index)
             strip.draw(frame, index)
             yield frame
 
-    def _trail_starts(self, ball: np.ndarray) -> list[int]:
+    def _trail_starts(self, ball: np.ndarray, length: int, farthest: float) -> list[int]:
         """For each state the first one that the ball's trail reaches back to."""
         flights = np.hypot(*np.diff(ball, axis=0).T) / self._picture.pixels_per_metre
         first = 0
         starts = [0]
         for index, metres in enumerate(flights.tolist(), start=1):
-            first = index if metres > _JUMP_METRES else max(first, index - TRAIL_STEPS)
+            first = index if metres > farthest else max(first, index - length)
             starts.append(first)
         return starts
 
-    def _draw_last_pass(self, frame: np.ndarray, passes: list[CompletedPass], index: int) -> None:
+    def _draw_last_pass(
+        self, frame: np.ndarray, passes: list[CompletedPass], index: int, steps: int
+    ) -> None:
         past = [completed for completed in passes if completed.received_at <= index]
-        if not past or index - past[-1].received_at > PASS_STEPS:
+        if not past or index - past[-1].received_at > steps:
             return
         start, end = self.pixels(past[-1].start), self.pixels(past[-1].end)
         colour = (LEFT_COLOUR, RIGHT_COLOUR)[past[-1].team]
@@ -101,14 +105,14 @@ class PitchView:
         circle(frame, start, 0.5 * self._picture.pixels_per_metre, bright)
         arrow(frame, start, end, bright, max(1, round(2.2 * self._unit)))
 
-    def _draw_trail(self, frame: np.ndarray, points: np.ndarray) -> None:
+    def _draw_trail(self, frame: np.ndarray, points: np.ndarray, length: int) -> None:
         # A mask, so that the older parts let the grass shine through.
         corner = np.floor(points.min(0)).astype(int) - 4
         columns, rows = np.ceil(points.max(0)).astype(int) + 5 - corner
         mask = np.zeros((rows, columns), np.uint8)
         thickness = max(1, round(3 * self._unit))
         for age, (start, end) in enumerate(zip(points[-2::-1], points[:0:-1], strict=True)):
-            strength = round(230 * (1 - age / TRAIL_STEPS))
+            strength = round(230 * (1 - age / length))
             line(mask, start - corner, end - corner, (strength, 0, 0), thickness)
         blend(frame, mask, (int(corner[0]), int(corner[1])), BALL_COLOUR)
 

@@ -19,6 +19,7 @@ from fbrl.envs.engine import BUILTIN_AI, MAX_SEED
 from fbrl.envs.observation import OBSERVATION_SPACE
 from fbrl.files.array_file import read_arrays
 from fbrl.files.atomic_write import atomic_write
+from fbrl.scenarios import LARGEST_FRAME_SKIP
 from fbrl.watch.recording import RECORDED_KEYS, MatchRecording
 
 FORMAT = "fbrl-matches"
@@ -123,7 +124,7 @@ def _match(index: int, entry: Mapping[str, Any], arrays: Mapping[str, Any]) -> M
     scenario, seed, number, frame_skip = ({"frame_skip": 1, **entry}[name] for name in _FACTS)
     if not (isinstance(scenario, str) and isinstance(seed, int) and isinstance(number, int)):
         raise ValueError("scenario, seed or episode number are of the wrong type")
-    check_count("frame_skip", frame_skip)
+    check_count("frame_skip", frame_skip, at_most=LARGEST_FRAME_SKIP)
     if not (0 <= seed <= MAX_SEED and 0 <= number <= MAX_SEED):
         raise ValueError(f"seed {seed} or episode number {number} are out of range")
     return MatchRecording(scenario, seed, number, actions, observations, rewards, frame_skip)

@@ -68,7 +68,7 @@ def write_video(
     Args:
         path: ``.mp4`` (H.264 in yuv420p, which browsers play) or ``.gif``, repeated for ever.
         frames: uint8 (height, width, 3), red, green and blue; all of one size, even both ways.
-        fps: Frames per second, positive; a match has 10.
+        fps: Frames per second, positive; a match has 10, fewer with a frame skip.
 
     Returns:
         The number of frames.
