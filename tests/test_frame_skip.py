@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import dataclasses
 import json
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 
+import fbrl.cli.train
 from fbrl.agent import load_agent
 from fbrl.assembly import make_agent_env
 from fbrl.cli.watch import main as watch
@@ -113,6 +115,15 @@ def test_gymnasium_hands_it_on():
     before = env.reset(seed=0)[0]["steps_left"].item()
     assert env.step(5)[0]["steps_left"].item() == before - 2
     assert env.metadata["render_fps"] == 5  # in real time
+    many = gymnasium.make_vec(f"fbrl/{SCENARIO}-v0", num_envs=2, frame_skip=2)
+    before = many.reset(seed=0)[0]["steps_left"]
+    np.testing.assert_array_equal(many.step(np.array([5, 5]))[0]["steps_left"], before - 2)
+
+
+def test_a_copy_skips_as_the_match_itself():
+    env = FootballEnv(SCENARIO, frame_skip=3)
+    before = env.reset(seed=0)[0]["steps_left"].item()
+    assert copy.deepcopy(env).step(5)[0]["steps_left"].item() == before - 3
 
 
 @pytest.mark.parametrize("frame_skip", [0, -1, 101, 2**40])
@@ -138,6 +149,11 @@ def run_dir(tmp_path_factory):
     more = dataclasses.replace(config, ppo=dataclasses.replace(ppo, total_frames=1024))
     assert train(more, resume=True).frames == 1024
     return config.run_dir
+
+
+def test_a_training_does_not_go_on_with_another_frame_skip(run_dir, run_main):
+    printed = run_main(fbrl.cli.train.main, "--resume", run_dir, "--frame-skip", 2, code=2)
+    assert "--frame-skip" in printed.err
 
 
 def test_a_training_counts_gfootballs_frames(run_dir):
@@ -180,6 +196,14 @@ def test_a_recording_is_drawn_at_its_own_pace(run_dir, tmp_path, run_main):
     save_replay(tmp_path / "match.npz", [match])
     ((again,), _) = load_replay(tmp_path / "match.npz")
     assert again.frame_skip == 4
+    before_there_was_one = tmp_path / "old.npz"
+    with np.load(tmp_path / "match.npz") as arrays:
+        header = json.loads(str(arrays["header"]))
+        header["version"] = 1
+        del header["matches"][0]["frame_skip"]
+        old = {**arrays, "header": np.array(json.dumps(header))}
+    np.savez(before_there_was_one, **old)
+    assert load_replay(before_there_was_one)[0][0].frame_skip == 1
     # The engine that draws compares every position with the recording.
     with EngineView(320, 180) as view:
         assert len(list(view.frames(again))) == match.num_steps + 1
