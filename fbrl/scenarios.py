@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from fbrl.envs.vector_env import FootballVectorEnv
 
 
+SECONDS_PER_FRAME = 0.1
+"""Of a match, where the game is not interrupted."""
+
 LARGEST_FRAME_SKIP = 100
 """Ten seconds of a match for one action."""
 

@@ -30,8 +30,6 @@ PANEL_COLOUR: Colour = (24, 29, 35)
 MIN_WIDTH = 320
 """Pixels; below, the text can't be read."""
 
-SECONDS_PER_STEP = 0.1
-
 TEXT: Colour = (232, 237, 242)
 FAINT: Colour = (132, 143, 155)
 HIGHLIGHT: Colour = (255, 235, 59)

@@ -10,6 +10,7 @@ import numpy as np
 
 from fbrl.checks import MissingExtraError, check_name, missing_packages
 from fbrl.envs.engine_pictures import EnginePictures
+from fbrl.scenarios import SECONDS_PER_FRAME
 
 if TYPE_CHECKING:
     from fbrl.drawing.match_picture import MatchPicture
@@ -68,11 +69,9 @@ def draw_from_above(scenario: str, state: Mapping[str, np.ndarray]) -> np.ndarra
     Returns:
         Red, green and blue, uint8 (height, :data:`WIDTH`, 3), of an even height.
     """
-    from fbrl.drawing.match_picture import SECONDS_PER_STEP
-
     picture = _match_picture()
     frame = picture.empty(scenario)
-    picture.draw(frame, state, int(state["steps_left"]) * SECONDS_PER_STEP)
+    picture.draw(frame, state, int(state["steps_left"]) * SECONDS_PER_FRAME)
     # Videos are of even sizes.
     return frame[: picture.height // 2 * 2]
 

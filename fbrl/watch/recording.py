@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torchrl.envs import EnvBase, ExplorationType, Transform, set_exploration_type, step_mdp
 
-from fbrl.drawing.match_picture import SECONDS_PER_STEP
 from fbrl.envs.factory import make_env, make_reward
 from fbrl.envs.rendering import DRAWN_KEYS
 from fbrl.evaluation.evaluation import Policy
+from fbrl.scenarios import SECONDS_PER_FRAME
 from fbrl.transforms import ScoringReward
 
 RECORDED_KEYS = (*DRAWN_KEYS, "ball_owned_team", "ball_owned_player", "sticky_actions")
@@ -53,7 +53,7 @@ class MatchRecording:
     @property
     def seconds_per_step(self) -> float:
         """How long a step lasts, where the game is not interrupted."""
-        return SECONDS_PER_STEP * self.frame_skip
+        return SECONDS_PER_FRAME * self.frame_skip
 
     @property
     def score(self) -> tuple[int, int]:
