@@ -21,7 +21,7 @@ from fbrl.cli.errors import Parser, ending_on_bad_input, ending_when_interrupted
 from fbrl.cli.outputs import ProgressDisplay, check_outputs
 from fbrl.policy_names import MODES, POLICIES
 from fbrl.pretrained import pretrained_names
-from fbrl.scenarios import check_scenario
+from fbrl.scenarios import SECONDS_PER_FRAME, check_scenario
 from fbrl.watch.video import check_video_packages, check_video_path, write_video
 
 if TYPE_CHECKING:
@@ -36,8 +36,6 @@ WIDTHS = {"2d": 960, "3d": 640, "both": 1280}
 SMALLEST_WIDTHS = {"2d": 320, "3d": 320, "both": 640}
 LARGEST_WIDTH = 3840
 TRIES_PER_GOAL = 50
-FRAMES_PER_SECOND = 10.0
-"""Of gfootball, in real time."""
 
 _DESCRIPTION = """\
 Play matches with a trained agent and make a video of them, without a display: from above with the
@@ -181,7 +179,7 @@ def _make_video(options: argparse.Namespace) -> tuple[int, int, float]:
             stack.enter_context(playing(PROGRAM))
         display = stack.enter_context(ProgressDisplay())
         matches, density, frame_skip = _matches(options, display)
-        fps = options.fps or FRAMES_PER_SECOND / frame_skip
+        fps = options.fps or 1 / (SECONDS_PER_FRAME * frame_skip)
         shown: list[MatchRecording] = []
         with open_view(options.view, options.width, density) as view:
             frames = _frames(options, view, matches, fps, shown, display)
