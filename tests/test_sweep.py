@@ -33,6 +33,7 @@ def read_grid(monkeypatch):
     monkeypatch.syspath_prepend(SWEEP)
     yield importlib.import_module("grid").read_grid
     sys.modules.pop("grid", None)
+    sys.modules.pop("run", None)
 
 
 @pytest.fixture
@@ -197,6 +198,22 @@ def test_a_grid_that_is_none_is_an_error(tmp_path, read_grid, grid, message):
     path.write_text(grid)
     with pytest.raises(ValueError, match=message):
         read_grid(path, tmp_path)
+
+
+def test_runs_that_a_table_names_are_left_out(tmp_path, read_grid, capsys):
+    unless_in = importlib.import_module("run").unless_in
+    path, table = tmp_path / "grid.yaml", tmp_path / "results.csv"
+    path.write_text("scenario: academy_corner\nseed: [0, 1]")
+    points = read_grid(path, tmp_path)
+    table.write_text("policy,mode\nseed=0,sample\nseed=0,greedy\n")
+    assert unless_in(table, points) == points[1:]
+    assert capsys.readouterr().out.startswith("1 trainings are in ")
+    table.write_text("policy\nseed=0\nseed=1\n")
+    with pytest.raises(ValueError, match="All 2 trainings of the grid are in"):
+        unless_in(table, points)
+    table.write_text("run\nseed=0\n")
+    with pytest.raises(ValueError, match="has no column policy, but run"):
+        unless_in(table, points)
 
 
 def test_an_option_that_does_not_exist_is_refused_in_one_line(tmp_path, start):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 import sys
 from pathlib import Path
 
@@ -60,6 +61,7 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
     assert made == {
         "results.md",
         "results.csv",
+        "curves.csv",
         "figure_6_1.csv",
         "figure_6_1.png",
         "curves_academy_empty_goal_close.png",
@@ -79,8 +81,33 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
     # What was played is kept, and the same when it is read again.
     monkeypatch.setattr(report, "play", None)
     report.report(grid, folder, tmp_path / "again", scale=0.004)
-    for name in ("results.md", "results.csv", "figure_6_1.csv"):
+    for name in ("results.md", "results.csv", "curves.csv", "figure_6_1.csv"):
         assert (tmp_path / "again" / name).read_text() == (tmp_path / "out" / name).read_text()
+
+
+def test_runs_whose_directories_are_gone_stay_in_the_report(report, runs, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "ELSEWHERE", ())
+    monkeypatch.setattr(report, "FIGURES", {})
+    grid, folder = runs
+    report.report(grid, folder, tmp_path / "out", scale=0.004)
+    some = tmp_path / "some"
+    shutil.copytree(folder, some, ignore=shutil.ignore_patterns("*analytics*"))
+    report.report(grid, some, tmp_path / "kept", scale=0.004)
+    assert (tmp_path / "kept" / "results.md").read_text().startswith("2 of 5 runs")
+    report.report(grid, folder, tmp_path / "kept", scale=0.004)
+    shutil.rmtree(some)
+    report.report(grid, some, tmp_path / "kept", scale=0.004)
+    rows = [read_csv_table(tmp_path / name / "results.csv").rows for name in ("kept", "out")]
+    kept, together = ({(row["policy"], row["mode"]): row for row in table} for table in rows)
+    assert kept == together
+    assert (tmp_path / "kept" / "curves_academy_empty_goal_close.png").is_file()
+
+
+def test_a_run_that_the_grid_does_not_have_is_refused(report, runs, tmp_path):
+    grid, folder = runs
+    (tmp_path / "results.csv").write_text("policy,frames\nreward=other,1024\n")
+    with pytest.raises(ValueError, match="has reward=other, which is not in the grid"):
+        report.report(grid, folder, tmp_path, scale=0.004)
 
 
 def test_the_grid_of_the_thesis_is_one(report, tmp_path):

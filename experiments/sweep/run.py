@@ -21,6 +21,7 @@ from fbrl.cli.arguments import number_from_zero, positive_integer
 from fbrl.cli.errors import FAILED, INTERRUPTED, Parser, ending_when_interrupted, fail
 from fbrl.collect.ray_cluster import connected_to_ray
 from fbrl.config import ConfigError
+from fbrl.files.csv_table import read_csv_table
 from fbrl.training.faults import Interrupt, Interrupted
 
 PROGRAM = "sweep"
@@ -110,6 +111,24 @@ def has_checkpoint(run_dir: Path) -> bool:
                 raise
             time.sleep(1)
     return False
+
+
+def unless_in(table: Path, points: Sequence[Point]) -> list[Point]:
+    """The points that no row of a table names.
+
+    Raises:
+        ValueError: It is no table with a column "policy", or it names all of them.
+        OSError: It can't be read.
+    """
+    read = read_csv_table(table)
+    if "policy" not in read.columns:
+        raise ValueError(f"{table} has no column policy, but {', '.join(read.columns)}.")
+    finished = {row["policy"] for row in read.rows}
+    left = [point for point in points if point.run_dir.name not in finished]
+    if not left:
+        raise ValueError(f"All {len(points)} trainings of the grid are in {table}.")
+    print(f"{len(points) - len(left)} trainings are in {table} and left out.")
+    return left
 
 
 def sweep(points: Sequence[Point], cpus_per_run: int, gpus_per_run: float) -> int:
@@ -235,10 +254,19 @@ def main() -> None:
         metavar="X",
         help="the same of GPUs; with 0.25 four trainings share one (default: 0)",
     )
+    parser.add_argument(
+        "--skip",
+        type=Path,
+        metavar="TABLE",
+        help="CSV table whose column policy names runs that are finished, such as results.csv of "
+        "experiments/thesis: they are left out, even where their directories are gone",
+    )
     options = parser.parse_args()
     with ending_when_interrupted(PROGRAM):
         try:
             points = read_grid(options.grid, options.runs)
+            if options.skip is not None:
+                points = unless_in(options.skip, points)
             with connected_to_ray():
                 code = sweep(points, options.cpus_per_run, options.gpus_per_run)
         except (ValueError, OSError) as error:

@@ -2,14 +2,18 @@
 
     python experiments/thesis/report.py runs/thesis results
 
-What was played is kept in each run's directory, match by match, so that the same command goes on
-after an interruption and with the runs that have been finished since.
+What was played is kept in each run's directory, match by match. A run that is in results.csv is not
+looked at again, so that the same command goes on after an interruption and with the runs that have
+been finished since, on this machine or, with the tables alone, on another.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import json
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,10 +25,13 @@ sys.path.append(str(Path(__file__).parents[1] / "sweep"))
 
 from grid import Point, read_grid
 
+from fbrl.analysis.run_log import GOAL_DIFFERENCE, read_run_log
 from fbrl.cli.plot import main as plot
+from fbrl.config_json import config_to_dict
 from fbrl.evaluation.comparison import (
     EvaluatedPolicy,
     Row,
+    baseline,
     configurations,
     improvements,
     play,
@@ -35,9 +42,13 @@ from fbrl.evaluation.comparison import (
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.files.atomic_write import atomic_write
 from fbrl.files.csv_table import as_number, read_csv_table, write_csv_table
+from fbrl.run_files import CONFIG_NAME, FRAMES, METRICS_NAME
 from fbrl.scenarios import SCENARIO_GROUPS, SCENARIOS
 
 GRID = Path(__file__).with_name("grid.yaml")
+RESULTS, CURVES = "results.csv", "curves.csv"
+"""The tables that all else is made from; ``policy`` is the name of a run's directory."""
+CURVE_POINTS = 50
 SEED = 1000
 """Of the fresh matches: no training's."""
 
@@ -81,23 +92,69 @@ def matches_of(
     return evaluation
 
 
-def play_all(points: Sequence[Point], scale: float) -> tuple[list[EvaluatedPolicy], list[Row]]:
-    """All fresh matches of finished runs of one scenario, and a row for each result."""
-    policies = [trained(point.run_dir, torch.device("cpu")) for point in points]
-    labels = configurations(policies)
+def play_run(point: Point, scale: float) -> list[Row]:
+    """A row for each scenario and mode in which a finished run has played fresh matches."""
+    policy = trained(point.run_dir, torch.device("cpu"))
+    own = point.config.scenario
+    many = 100 if own.startswith("11_vs_11") else 1000
+    wanted = [(own, "sample", many), (own, "greedy", many)]
+    wanted += [(scenario, "sample", 100) for scenario in ELSEWHERE if scenario != own]
     rows = []
-    for point, policy in zip(points, policies, strict=True):
-        own = point.config.scenario
-        many = 100 if own.startswith("11_vs_11") else 1000
-        wanted = [(own, "sample", many), (own, "greedy", many)]
-        wanted += [(scenario, "sample", 100) for scenario in ELSEWHERE if scenario != own]
-        for scenario, mode, episodes in wanted:
-            played = matches_of(
-                policy, scenario, mode, max(2, round(episodes * scale)), point.run_dir
-            )
-            label = labels[policy.name]
-            rows.append(result_row(policy, label, scenario, mode, SEED, played))
-    return policies, rows
+    for scenario, mode, episodes in wanted:
+        played = matches_of(policy, scenario, mode, max(2, round(episodes * scale)), point.run_dir)
+        named = dataclasses.replace(policy, name=point.run_dir.name)
+        rows.append(result_row(named, None, scenario, mode, SEED, played))
+    return rows
+
+
+def curve_of(point: Point) -> list[Row]:
+    """Points of the learning curve of a run."""
+    log = read_run_log(point.run_dir)
+    chosen = np.linspace(0, len(log.frames) - 1, min(CURVE_POINTS, len(log.frames))).astype(int)
+    goals = log.metric(GOAL_DIFFERENCE)
+    return [
+        {"policy": point.run_dir.name, FRAMES: int(log.frames[i]), GOAL_DIFFERENCE: goals[i]}
+        for i in chosen
+    ]
+
+
+def add_finished(points: Sequence[Point], out: Path, scale: float) -> tuple[list[Row], list[Row]]:
+    """Adds what has been finished since to the tables of results and of curves; returns both.
+
+    Runs that are there already are not looked at: their directories may be gone.
+    """
+    results, curves = (read_rows(out / name) for name in (RESULTS, CURVES))
+    known = {row["policy"] for row in results}
+    strangers = known - {point.run_dir.name for point in points}
+    if strangers:
+        raise ValueError(f"{out / RESULTS} has {min(strangers)}, which is not in the grid.")
+    for point in points:
+        if point.run_dir.name not in known and point.is_finished():
+            curves += curve_of(point)
+            results += play_run(point, scale)
+            # The curves first: a run is known by its results.
+            write_csv_table(out / CURVES, curves)
+            write_csv_table(out / RESULTS, results)
+    return read_rows(out / RESULTS), read_rows(out / CURVES)
+
+
+def read_rows(path: Path) -> list[Row]:
+    """The rows of a table, none if there is no such file."""
+    return list(read_csv_table(path).rows) if path.is_file() else []
+
+
+def draw_curves(points: Sequence[Point], curves: Sequence[Row], path: Path) -> None:
+    """Draws the learning curves of one scenario, from logs made of the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        logs = [Path(folder, point.run_dir.name) for point in points]
+        for point, log in zip(points, logs, strict=True):
+            log.mkdir()
+            config = json.dumps(config_to_dict(point.config))
+            (log / CONFIG_NAME).write_text(config, encoding="utf-8")
+            own = [row for row in curves if row["policy"] == log.name]
+            own = [{name: row[name] for name in (FRAMES, GOAL_DIFFERENCE)} for row in own]
+            write_csv_table(log / METRICS_NAME, own)
+        draw(["curves", *map(str, logs), "--out", str(path)])
 
 
 def draw_generalisation(rows: Sequence[Row], path: Path) -> None:
@@ -138,39 +195,53 @@ def draw(arguments: Sequence[str]) -> None:
             raise
 
 
+def tell_scenario(scenario: str, agents: Sequence[EvaluatedPolicy], rows: list[Row]) -> list[str]:
+    """What the runs of a scenario came to where they were trained, in Markdown."""
+    pooled = pool_seeds(agents, [row for row in rows if row["scenario"] == scenario])
+    lines = [f"## {scenario}", "", "| configuration | mode | seeds | interquartile mean |"]
+    lines += ["|---|---|---|---|"]
+    for seeds in pooled:
+        mean = seeds.goal_difference
+        interval = f"{mean.value:.3f} [{mean.low:.3f}, {mean.high:.3f}]"
+        lines += [f"| {seeds.label} | {seeds.mode} | {seeds.seeds} | {interval} |"]
+    lines += ["", "| configuration | over | mode | probability of improvement |"]
+    lines += ["|---|---|---|---|"]
+    for better, other, chance in improvements(pooled):
+        interval = f"{chance.value:.2f} [{chance.low:.2f}, {chance.high:.2f}]"
+        lines += [f"| {better.label} | {other.label} | {better.mode} | {interval} |"]
+    return [*lines, ""]
+
+
 def report(grid: Path, runs: Path, out: Path, scale: float) -> None:
     """Everything that the finished runs say."""
     points = read_grid(grid, runs)
-    finished = [point for point in points if point.is_finished()]
-    print(f"{len(finished)} of {len(points)} runs are finished.")
     out.mkdir(parents=True, exist_ok=True)
-    rows: list[Row] = []
+    rows, curves = add_finished(points, out, scale)
+    frames = {row["policy"]: int(row["frames"]) for row in rows}
+    finished = [point for point in points if point.run_dir.name in frames]
+    print(f"{len(finished)} of {len(points)} runs are finished.")
     lines = [f"{len(finished)} of {len(points)} runs were finished.", ""]
     for scenario in dict.fromkeys(point.config.scenario for point in finished):
         own = [point for point in finished if point.config.scenario == scenario]
-        policies, played = play_all(own, scale)
-        rows += played
-        at_home = [row for row in played if row["scenario"] == scenario]
-        pooled = pool_seeds(policies, at_home)
-        lines += [f"## {scenario}", "", "| configuration | mode | seeds | interquartile mean |"]
-        lines += ["|---|---|---|---|"]
-        for seeds in pooled:
-            mean = seeds.goal_difference
-            interval = f"{mean.value:.3f} [{mean.low:.3f}, {mean.high:.3f}]"
-            lines += [f"| {seeds.label} | {seeds.mode} | {seeds.seeds} | {interval} |"]
-        lines += ["", "| configuration | over | mode | probability of improvement |"]
-        lines += ["|---|---|---|---|"]
-        for better, other, chance in improvements(pooled):
-            interval = f"{chance.value:.2f} [{chance.low:.2f}, {chance.high:.2f}]"
-            lines += [f"| {better.label} | {other.label} | {better.mode} | {interval} |"]
-        lines += [""]
-        directories = [str(point.run_dir) for point in own]
-        draw(["curves", *directories, "--out", str(out / f"curves_{scenario}.png")])
+        names = [point.run_dir.name for point in own]
+        # They have played: what is left of them is what they were.
+        gone = baseline("idle")
+        agents = [
+            dataclasses.replace(gone, name=name, config=point.config, frames=frames[name])
+            for name, point in zip(names, own, strict=True)
+        ]
+        labels = configurations(agents)
+        for row in rows:
+            if row["policy"] in labels:
+                row["configuration"] = labels[row["policy"]]
+                row["goal_difference"] = as_number(row["goal_difference"])
+        lines += tell_scenario(scenario, agents, rows)
+        draw_curves(own, curves, out / f"curves_{scenario}.png")
     with atomic_write(out / "results.md") as file:
         file.write("\n".join(lines).encode())
     if not rows:
         return
-    write_csv_table(out / "results.csv", rows)
+    write_csv_table(out / RESULTS, rows)
     for name, scenarios in FIGURES.items():
         shown = [row for row in rows if row["trained_on"] in scenarios]
         if shown:
