@@ -28,6 +28,7 @@ from fbrl.config import CHANGEABLE_ON_RESUME, ConfigError, PPOConfig, TrainConfi
 from fbrl.config_json import config_to_dict, save_config
 from fbrl.training import TrainListener, train
 from fbrl.training.run_dir import RunDirLock
+from fbrl.training.training_state import SavedTraining
 
 PPO = PPOConfig(total_frames=768, num_envs=2, num_steps=64, num_minibatches=2, num_epochs=2)
 CONFIG = TrainConfig(
@@ -144,6 +145,14 @@ def test_a_finished_run_stays_as_it_is(copied):
     result = train(copied, resume=True)
     assert (result.frames, result.interrupted, result.trained) == (64, False, None)
     assert table(copied.run_dir, "metrics.csv") == before
+
+
+def test_a_run_is_finished_although_its_last_batch_exceeded_the_frames(copied):
+    within_the_last_batch = longer(copied, 63)
+    assert SavedTraining.load(copied.run_dir, within_the_last_batch).is_finished(
+        within_the_last_batch
+    )
+    assert train(within_the_last_batch, resume=True).frames == 64
 
 
 def test_a_damaged_checkpoint_is_replaced_by_the_one_before_and_that_is_said(copied, finished):
