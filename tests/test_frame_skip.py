@@ -19,6 +19,7 @@ from fbrl.cli.watch import main as watch
 from fbrl.config import ConfigError, PPOConfig, TrainConfig
 from fbrl.envs import FootballEnv, FootballVectorEnv
 from fbrl.envs.engine import BUILTIN_AI
+from fbrl.envs.factory import FootballMatches
 from fbrl.evaluation.comparison import play, trained
 from fbrl.run_files import CONFIG_NAME, METRICS_NAME
 from fbrl.training import train
@@ -41,6 +42,14 @@ def played_one_by_one(env, action, frame_skip):
         if terminated or truncated:
             break
     return observation, total, terminated, truncated
+
+
+def test_torchrl_repeats_steps_where_its_own_frame_skip_is_asked_for():
+    matches = FootballVectorEnv(SCENARIO, num_envs=2, observation_keys=["steps_left"])
+    env = FootballMatches(matches, categorical_action_encoding=True, device="cpu", frame_skip=3)
+    before = env.reset()["steps_left"]
+    stepped = env.step(env.rand_action(env.reset()))
+    assert (before - stepped["next", "steps_left"]).flatten().tolist() == [3, 3]
 
 
 @pytest.mark.parametrize("frame_skip", [2, 3])

@@ -47,6 +47,9 @@ class FootballMatches(GymWrapper):
         torch.Size([2, 3, 3])
     """
 
+    # TorchRL then repeats steps by a transform of its own, where its frame_skip is asked for.
+    _has_frame_skip = False
+
     @property
     def matches(self) -> FootballVectorEnv:
         """The vector environment that is wrapped."""
