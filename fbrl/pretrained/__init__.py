@@ -18,7 +18,11 @@ _FOLDER = Path(__file__).parent
 
 
 def pretrained_names() -> tuple[str, ...]:
-    """The agents that fbrl brings along; each is named for the scenario that it was trained on."""
+    """The agents that fbrl brings along.
+
+    Each is named for the scenario that it was trained on, and for its frames if they are more than
+    a million.
+    """
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.pt")))
 
 
