@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 View = Literal["2d", "3d"]
 """From above, some milliseconds a picture; or the engine's own, some tenths of a second."""
 
-RENDER_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
+RENDER_METADATA: dict[str, Any] = {
+    "render_modes": ["rgb_array"],
+    "render_fps": 1 / SECONDS_PER_FRAME,
+}
 
 
 def render_metadata(frame_skip: int) -> dict[str, Any]:
