@@ -53,10 +53,9 @@ def runs(report, tmp_path_factory):
 
 
 def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "ELSEWHERE", ("academy_empty_goal",))
     monkeypatch.setattr(report, "FIGURES", {"figure_6_1": ("academy_empty_goal_close",)})
     grid, folder = runs
-    report.report(grid, folder, tmp_path / "out", scale=0.004)
+    report.report(grid, folder, tmp_path / "out", 0.004, ["academy_empty_goal"])
     made = {path.name for path in (tmp_path / "out").iterdir()}
     assert made == {
         "results.md",
@@ -80,13 +79,12 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
     assert "probability of improvement" in text
     # What was played is kept, and the same when it is read again.
     monkeypatch.setattr(report, "play", None)
-    report.report(grid, folder, tmp_path / "again", scale=0.004)
+    report.report(grid, folder, tmp_path / "again", 0.004, ["academy_empty_goal"])
     for name in ("results.md", "results.csv", "curves.csv", "figure_6_1.csv"):
         assert (tmp_path / "again" / name).read_text() == (tmp_path / "out" / name).read_text()
 
 
 def test_runs_whose_directories_are_gone_stay_in_the_report(report, runs, tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "ELSEWHERE", ())
     monkeypatch.setattr(report, "FIGURES", {})
     grid, folder = runs
     report.report(grid, folder, tmp_path / "out", scale=0.004)

@@ -42,6 +42,7 @@ from fbrl.evaluation.comparison import (
 from fbrl.evaluation.evaluation import Evaluation
 from fbrl.files.atomic_write import atomic_write
 from fbrl.files.csv_table import as_number, read_csv_table, write_csv_table
+from fbrl.policy_names import MODES
 from fbrl.run_files import CONFIG_NAME, FRAMES, METRICS_NAME
 from fbrl.scenarios import SCENARIO_GROUPS, SCENARIOS
 
@@ -92,19 +93,12 @@ def matches_of(
     return evaluation
 
 
-def play_run(point: Point, scale: float) -> list[Row]:
-    """A row for each scenario and mode in which a finished run has played fresh matches."""
-    policy = trained(point.run_dir, torch.device("cpu"))
+def wanted_of(point: Point, elsewhere: Sequence[str]) -> list[tuple[str, str, int]]:
+    """Where a run plays fresh matches, how actions are chosen there, and how many it plays."""
     own = point.config.scenario
     many = 100 if own.startswith("11_vs_11") else 1000
-    wanted = [(own, "sample", many), (own, "greedy", many)]
-    wanted += [(scenario, "sample", 100) for scenario in ELSEWHERE if scenario != own]
-    rows = []
-    for scenario, mode, episodes in wanted:
-        played = matches_of(policy, scenario, mode, max(2, round(episodes * scale)), point.run_dir)
-        named = dataclasses.replace(policy, name=point.run_dir.name)
-        rows.append(result_row(named, None, scenario, mode, SEED, played))
-    return rows
+    at_home = [(own, mode, many) for mode in MODES]
+    return at_home + [(scenario, "sample", 100) for scenario in elsewhere if scenario != own]
 
 
 def curve_of(point: Point) -> list[Row]:
@@ -118,22 +112,30 @@ def curve_of(point: Point) -> list[Row]:
     ]
 
 
-def add_finished(points: Sequence[Point], out: Path, scale: float) -> tuple[list[Row], list[Row]]:
+def add_finished(
+    points: Sequence[Point], out: Path, scale: float, elsewhere: Sequence[str]
+) -> tuple[list[Row], list[Row]]:
     """Adds what has been finished since to the tables of results and of curves; returns both.
 
-    Runs that are there already are not looked at: their directories may be gone.
+    What is there stays, also of runs whose directories are gone.
     """
     results, curves = (read_rows(out / name) for name in (RESULTS, CURVES))
-    known = {row["policy"] for row in results}
-    strangers = known - {point.run_dir.name for point in points}
+    strangers = {row["policy"] for row in results} - {point.run_dir.name for point in points}
     if strangers:
         raise ValueError(f"{out / RESULTS} has {min(strangers)}, which is not in the grid.")
+    known = {(row["policy"], row["scenario"], row["mode"]) for row in results}
     for point in points:
-        if point.run_dir.name not in known and point.is_finished():
-            curves += curve_of(point)
-            results += play_run(point, scale)
-            # The curves first: a run is known by its results.
-            write_csv_table(out / CURVES, curves)
+        name, run_dir = point.run_dir.name, point.run_dir
+        wanted = [one for one in wanted_of(point, elsewhere) if (name, *one[:2]) not in known]
+        if not wanted or not point.is_finished():
+            continue
+        if not any(row["policy"] == name for row in curves):
+            write_csv_table(out / CURVES, curves := [*curves, *curve_of(point)])
+        agent = trained(run_dir, torch.device("cpu"))
+        named = dataclasses.replace(agent, name=name)
+        for scenario, mode, episodes in wanted:
+            played = matches_of(agent, scenario, mode, max(2, round(episodes * scale)), run_dir)
+            results.append(result_row(named, None, scenario, mode, SEED, played))
             write_csv_table(out / RESULTS, results)
     return read_rows(out / RESULTS), read_rows(out / CURVES)
 
@@ -212,11 +214,11 @@ def tell_scenario(scenario: str, agents: Sequence[EvaluatedPolicy], rows: list[R
     return [*lines, ""]
 
 
-def report(grid: Path, runs: Path, out: Path, scale: float) -> None:
-    """Everything that the finished runs say."""
+def report(grid: Path, runs: Path, out: Path, scale: float, elsewhere: Sequence[str] = ()) -> None:
+    """Everything that the finished runs say; they play in other scenarios where it is told so."""
     points = read_grid(grid, runs)
     out.mkdir(parents=True, exist_ok=True)
-    rows, curves = add_finished(points, out, scale)
+    rows, curves = add_finished(points, out, scale, elsewhere)
     frames = {row["policy"]: int(row["frames"]) for row in rows}
     finished = [point for point in points if point.run_dir.name in frames]
     print(f"{len(finished)} of {len(points)} runs are finished.")
@@ -248,7 +250,8 @@ def report(grid: Path, runs: Path, out: Path, scale: float) -> None:
             table = out / f"{name}.csv"
             write_csv_table(table, shown)
             draw(["bars", str(table), "--reference", "thesis", "--out", str(out / f"{name}.png")])
-    draw_generalisation(rows, out / "generalisation.png")
+    if any(row["scenario"] != row["trained_on"] for row in rows):
+        draw_generalisation(rows, out / "generalisation.png")
 
 
 def _main() -> None:
@@ -259,8 +262,15 @@ def _main() -> None:
     parser.add_argument(
         "--scale", type=float, default=1.0, help="share of the matches, for a trial (default: 1)"
     )
+    parser.add_argument(
+        "--generalisation",
+        action="store_true",
+        help="let each run play 100 matches in every other scenario as well, two of them with 11 "
+        "players a side: some ten minutes a run",
+    )
     options = parser.parse_args()
-    report(options.grid, options.runs, options.out, options.scale)
+    elsewhere = ELSEWHERE if options.generalisation else ()
+    report(options.grid, options.runs, options.out, options.scale, elsewhere)
 
 
 if __name__ == "__main__":
