@@ -102,6 +102,8 @@ class MLPOptions(Options):
     """Layer widths of the perceptron."""
     activation: Literal["relu", "tanh"] = "relu"
     """Its activation."""
+    layer_norm: bool = False
+    """Normalise each of its layers before the activation."""
 
     def check(self) -> None:
         """Raises :class:`ConfigError` for a value out of range."""

@@ -221,6 +221,21 @@ def test_the_perceptron_has_the_layers_and_the_activation_asked_for(activation, 
     torch.testing.assert_close(square, 2 * torch.eye(32), rtol=0, atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("observation", "network"), [("simple115", "mlp"), ("players", "player_set")]
+)
+def test_a_normalised_perceptron_does_not_mind_the_size_of_its_weights(observation, network):
+    model = build_actor_critic(observation, network, layer_norm=True, hidden_sizes=(16, 8))
+    perceptron = next(module for module in model.modules() if isinstance(module, MLP))
+    hidden = torch.randn(32, perceptron.num_inputs)
+    before = perceptron(hidden)
+    with torch.no_grad():
+        for module in perceptron.modules():
+            if isinstance(module, nn.Linear):
+                module.weight *= 10
+    torch.testing.assert_close(perceptron(hidden), before, rtol=1e-3, atol=1e-3)
+
+
 def test_unknown_choices_are_named_with_the_known_ones():
     with pytest.raises(ValueError, match=r"'pictures'.*simple115, players, minimap, smm, pixels"):
         build_actor_critic("pictures")  # type: ignore[arg-type]

@@ -37,6 +37,8 @@ class MLP(nn.Sequential):
         observation_shape: of what is read, a vector; (115,) for ``simple115``.
         hidden_sizes: size of each layer; the last one is the number of features.
         activation: ``"relu"`` or ``"tanh"``.
+        layer_norm: whether each layer's outputs are normalised before the activation (Ba et al.
+            2016), by which the size of the weights matters less for how much an update changes.
         device: where the parameters live.
 
     Raises:
@@ -54,6 +56,7 @@ class MLP(nn.Sequential):
         observation_shape: Sequence[int] = (115,),
         hidden_sizes: Sequence[int] = (256, 256),
         activation: Activation = "relu",
+        layer_norm: bool = False,
         device: torch.device | str | None = None,
     ) -> None:
         if activation not in list(_ACTIVATIONS):
@@ -75,7 +78,10 @@ class MLP(nn.Sequential):
         layers: list[nn.Module] = []
         for num_in, num_out in pairwise([num_inputs, *hidden_sizes]):
             linear = nn.Linear(num_in, num_out, device=device)
-            layers += [orthogonal(linear, HIDDEN_GAIN), _ACTIVATIONS[activation]()]
+            layers.append(orthogonal(linear, HIDDEN_GAIN))
+            if layer_norm:
+                layers.append(nn.LayerNorm(num_out, device=device))
+            layers.append(_ACTIVATIONS[activation]())
         super().__init__(*layers)
         self.num_inputs = num_inputs
         self.num_features = hidden_sizes[-1]

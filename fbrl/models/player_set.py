@@ -32,6 +32,7 @@ class PlayerSet(nn.Module):
         embedding_size: numbers of a player's embedding.
         hidden_sizes: of the last perceptron, as are the other arguments, see :class:`MLP`.
         activation: likewise.
+        layer_norm: likewise.
         device: where the parameters live.
 
     Raises:
@@ -50,6 +51,7 @@ class PlayerSet(nn.Module):
         embedding_size: int = 32,
         hidden_sizes: Sequence[int] = (256, 256),
         activation: Activation = "relu",
+        layer_norm: bool = False,
         device: torch.device | str | None = None,
     ) -> None:
         super().__init__()
@@ -62,7 +64,8 @@ class PlayerSet(nn.Module):
         num_once, per_mate = MATES.start, len(PLAYER_FEATURES)
         self.mates = _PlayerEmbedding(per_mate, num_once, size, device)
         self.opponents = _PlayerEmbedding(per_mate - 1, num_once, size, device)
-        self.perceptron = MLP((num_once + 4 * size,), hidden_sizes, activation, device)
+        inputs = (num_once + 4 * size,)
+        self.perceptron = MLP(inputs, hidden_sizes, activation, layer_norm, device)
         self.num_features = self.perceptron.num_features
 
     def forward(self, players: Tensor) -> Tensor:
