@@ -93,6 +93,11 @@ class PPOConfig:
         return math.ceil(self.total_frames / self.frames_per_batch)
 
     @property
+    def frames_of_batches(self) -> int:
+        """Frames of these batches, with which the training ends."""
+        return self.num_batches * self.frames_per_batch
+
+    @property
     def steps_per_minibatch(self) -> int:
         """Steps of a minibatch, however it is configured."""
         return self.minibatch_size or self.steps_per_batch // self.num_minibatches

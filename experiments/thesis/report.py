@@ -2,9 +2,9 @@
 
     python experiments/thesis/report.py runs/thesis results
 
-What was played is kept in each run's directory, match by match. A run that is in results.csv is not
-looked at again, so that the same command goes on after an interruption and with the runs that have
-been finished since, on this machine or, with the tables alone, on another.
+What was played is kept in each run's directory, match by match. What results.csv has is not played
+again, so that the same command goes on after an interruption and with the runs that have been
+finished since, on this machine or, with the tables alone, on another.
 """
 
 from __future__ import annotations

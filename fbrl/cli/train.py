@@ -137,7 +137,7 @@ class TrainDisplay(ProgressDisplay):
             status += f" ({metrics['time/collect_cores']:.1f} of {there} cores play)"
         if "match/goal_difference" in metrics:
             status += f", goal difference {metrics['match/goal_difference']:+.2f}"
-        total = self._config.ppo.num_batches * self._config.ppo.frames_per_batch
+        total = self._config.ppo.frames_of_batches
         left = f", {timedelta(seconds=round((total - frames) / speed))} left"
         is_last = frames >= total
         self.show("training", frames, total, status, end_of_line=left, always=is_last)

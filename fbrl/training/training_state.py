@@ -74,8 +74,7 @@ class SavedTraining:
                     f"{name} is {now[name]}, but the training had {before[name]}. When it "
                     f"goes on, only these may change: {', '.join(CHANGEABLE_ON_RESUME)}."
                 )
-        # The last batch may have exceeded total_frames.
-        if config.ppo.num_batches * config.ppo.frames_per_batch < state["frames"]:
+        if config.ppo.frames_of_batches < state["frames"]:
             raise ConfigError(
                 f"total_frames is {config.ppo.total_frames}, but the training has had "
                 f"{state['frames']} frames already."
