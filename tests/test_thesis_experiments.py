@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -54,6 +55,7 @@ def runs(report, tmp_path_factory):
 
 def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "FIGURES", {"figure_6_1": ("academy_empty_goal_close",)})
+    monkeypatch.setattr(report, "THRESHOLD", -1)  # reached with the first match
     grid, folder = runs
     report.report(grid, folder, tmp_path / "out", 0.004, ["academy_empty_goal"])
     made = {path.name for path in (tmp_path / "out").iterdir()}
@@ -77,6 +79,7 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
     assert text.startswith("4 of 5 runs were finished.")
     assert "analytics" in text
     assert "probability of improvement" in text
+    assert len(re.findall(r"\| [\d,]+; [\d,]+ \|\n", text)) == 4  # configurations and modes
     # What was played is kept, and the same when it is read again.
     monkeypatch.setattr(report, "play", None)
     report.report(grid, folder, tmp_path / "again", 0.004, ["academy_empty_goal"])

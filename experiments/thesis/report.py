@@ -25,7 +25,7 @@ sys.path.append(str(Path(__file__).parents[1] / "sweep"))
 
 from grid import Point, read_grid
 
-from fbrl.analysis.run_log import GOAL_DIFFERENCE, read_run_log
+from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until, read_run_log
 from fbrl.cli.plot import main as plot
 from fbrl.config_json import config_to_dict
 from fbrl.evaluation.comparison import (
@@ -50,6 +50,9 @@ GRID = Path(__file__).with_name("grid.yaml")
 RESULTS, CURVES = "results.csv", "curves.csv"
 """The tables that all else is made from; ``policy`` is the name of a run's directory."""
 CURVE_POINTS = 50
+UNTIL, THRESHOLD, TOLERANCE = "frames_until_threshold", 0.3, 0.1
+"""Frames of a training until it had this goal difference and kept it: more than the engine's own
+player has in any of the thesis's academy scenarios."""
 SEED = 1000
 """Of the fresh matches: no training's."""
 
@@ -101,13 +104,12 @@ def wanted_of(point: Point, elsewhere: Sequence[str]) -> list[tuple[str, str, in
     return at_home + [(scenario, "sample", 100) for scenario in elsewhere if scenario != own]
 
 
-def curve_of(point: Point) -> list[Row]:
+def curve_of(log: RunLog) -> list[Row]:
     """Points of the learning curve of a run."""
-    log = read_run_log(point.run_dir)
     chosen = np.linspace(0, len(log.frames) - 1, min(CURVE_POINTS, len(log.frames))).astype(int)
     goals = log.metric(GOAL_DIFFERENCE)
     return [
-        {"policy": point.run_dir.name, FRAMES: int(log.frames[i]), GOAL_DIFFERENCE: goals[i]}
+        {"policy": log.run_dir.name, FRAMES: int(log.frames[i]), GOAL_DIFFERENCE: goals[i]}
         for i in chosen
     ]
 
@@ -129,13 +131,16 @@ def add_finished(
         wanted = [one for one in wanted_of(point, elsewhere) if (name, *one[:2]) not in known]
         if not wanted or not point.is_finished():
             continue
+        log = read_run_log(run_dir)
         if not any(row["policy"] == name for row in curves):
-            write_csv_table(out / CURVES, curves := [*curves, *curve_of(point)])
+            write_csv_table(out / CURVES, curves := [*curves, *curve_of(log)])
+        until = frames_until(log.frames, log.metric(GOAL_DIFFERENCE), THRESHOLD, TOLERANCE)
         agent = trained(run_dir, torch.device("cpu"))
         named = dataclasses.replace(agent, name=name)
         for scenario, mode, episodes in wanted:
             played = matches_of(agent, scenario, mode, max(2, round(episodes * scale)), run_dir)
-            results.append(result_row(named, None, scenario, mode, SEED, played))
+            row = result_row(named, None, scenario, mode, SEED, played)
+            results.append(row | {UNTIL: until})
             write_csv_table(out / RESULTS, results)
     return read_rows(out / RESULTS), read_rows(out / CURVES)
 
@@ -199,13 +204,20 @@ def draw(arguments: Sequence[str]) -> None:
 
 def tell_scenario(scenario: str, agents: Sequence[EvaluatedPolicy], rows: list[Row]) -> list[str]:
     """What the runs of a scenario came to where they were trained, in Markdown."""
-    pooled = pool_seeds(agents, [row for row in rows if row["scenario"] == scenario])
-    lines = [f"## {scenario}", "", "| configuration | mode | seeds | interquartile mean |"]
-    lines += ["|---|---|---|---|"]
+    rows = [row for row in rows if row["scenario"] == row["trained_on"] == scenario]
+    pooled = pool_seeds(agents, rows)
+    head = ("configuration", "mode", "seeds", "mean", "interquartile mean [95 %]")
+    table = [[*head, f"frames until {THRESHOLD:g}, each seed"], ["---"] * (len(head) + 1)]
     for seeds in pooled:
-        mean = seeds.goal_difference
-        interval = f"{mean.value:.3f} [{mean.low:.3f}, {mean.high:.3f}]"
-        lines += [f"| {seeds.label} | {seeds.mode} | {seeds.seeds} | {interval} |"]
+        own = [r for r in rows if (r["configuration"], r["mode"]) == (seeds.label, seeds.mode)]
+        reached = sorted(int(row[UNTIL]) for row in own if row[UNTIL])
+        until = [f"{frames:,}" for frames in reached] + ["never"] * (len(own) - len(reached))
+        middle = seeds.goal_difference
+        interval = f"{middle.value:.3f} [{middle.low:.3f}, {middle.high:.3f}]"
+        mean = f"{np.mean(seeds.scores):.3f}"
+        row = [seeds.label, seeds.mode, str(seeds.seeds), mean, interval, "; ".join(until)]
+        table.append(row)
+    lines = [f"## {scenario}", "", *(f"| {' | '.join(cells)} |" for cells in table)]
     lines += ["", "| configuration | over | mode | probability of improvement |"]
     lines += ["|---|---|---|---|"]
     for better, other, chance in improvements(pooled):
