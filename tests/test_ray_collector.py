@@ -39,7 +39,14 @@ CONFIG = TrainConfig(
     hang_timeout=4,
     checkpoint_interval=128,
     eval_episodes=0,
-    ppo=PPOConfig(total_frames=512, num_envs=4, num_steps=32, num_minibatches=2, num_epochs=2),
+    ppo=PPOConfig(
+        total_frames=512,
+        num_envs=4,
+        num_steps=16,
+        frame_skip=2,
+        num_minibatches=2,
+        num_epochs=2,
+    ),
 )
 
 
@@ -96,6 +103,7 @@ def matches_of_threads(num_envs, model, seed):
         num_steps=CONFIG.ppo.num_steps,
         reward=make_training_reward(CONFIG),
         num_threads=1,
+        frame_skip=CONFIG.ppo.frame_skip,
         num_groups=1,
         seed=seed,
     )
@@ -113,7 +121,7 @@ def test_a_worker_plays_what_threads_play_with_its_seed(workers):
     collector, model, _ = workers
     collector.set_seed(5)
     batch = collector.collect()
-    assert batch.batch_size == (4, 32)
+    assert batch.batch_size == (4, 16)
     assert place_of(collector, 0)[1] != place_of(collector, 1)[1]
     random = np.random.default_rng(5)
     for part in batch.split(2):
@@ -161,7 +169,7 @@ def test_batches_outlive_an_engine_that_hangs_and_a_node_that_vanishes(workers, 
     for one in vanished:
         one.suspend()
     batch = collector.collect()
-    assert batch.batch_size == (4, 32)
+    assert batch.batch_size == (4, 16)
     # The successors began with weights of their own, but did not play with them.
     assert (batch["action"] == 7).all()
     assert len(warnings) == 2
