@@ -89,6 +89,7 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
 
 def test_runs_whose_directories_are_gone_stay_in_the_report(report, runs, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "FIGURES", {})
+    monkeypatch.setattr(report, "THRESHOLD", 2)  # reached in no match of this scenario
     grid, folder = runs
     report.report(grid, folder, tmp_path / "out", scale=0.004)
     some = tmp_path / "some"
@@ -101,6 +102,7 @@ def test_runs_whose_directories_are_gone_stay_in_the_report(report, runs, tmp_pa
     rows = [read_csv_table(tmp_path / name / "results.csv").rows for name in ("kept", "out")]
     kept, together = ({(row["policy"], row["mode"]): row for row in table} for table in rows)
     assert kept == together
+    assert (tmp_path / "kept" / "results.md").read_text().count("| never; never |\n") == 4
     assert (tmp_path / "kept" / "curves_academy_empty_goal_close.png").is_file()
 
 
