@@ -46,7 +46,7 @@ def test_an_agent_plays_as_well_as_its_card_says(name):
 def test_a_card_says_where_an_agent_comes_from_and_its_file_nothing_of_a_machine(name):
     card = read_card(name)
     assert card["scenario"] in SCENARIOS
-    assert name in (card["scenario"], f"{card['scenario']}_3m")
+    assert name in (card["scenario"], f"{card['scenario']}_1m")
     assert card["episodes"] >= 1000
     assert "StatsBomb" in card["credit"]
     assert card["license"]
