@@ -10,16 +10,19 @@ import time
 import pytest
 from conftest import needs_engine
 
+from fbrl.cli import errors
+
 pytestmark = [needs_engine, pytest.mark.slow]
 
-# The third step never returns; a timeout in place of the command's own.
+# The third step never returns; two timeouts in place of the command's own.
 HANGING = """
 import importlib, sys
+from fbrl.cli import errors
 from fbrl.config import TrainConfig
 from fbrl.envs.engine import load_gfootball
 from fbrl.envs.matches import Matches
 
-program, timeout, *arguments = sys.argv[1:]
+program, timeout, seconds_to_tidy_up, *arguments = sys.argv[1:]
 steps, step = [], Matches.step
 
 def hanging_step(self, matches, actions):
@@ -30,6 +33,7 @@ def hanging_step(self, matches, actions):
     step(self, matches, actions)
 
 Matches.step = hanging_step
+errors.SECONDS_TO_TIDY_UP = float(seconds_to_tidy_up)
 TrainConfig.hang_timeout = float(timeout)
 importlib.import_module(f"fbrl.cli.{program}").main(arguments)
 """
@@ -43,9 +47,10 @@ PLAYED = {
 def hang(tmp_path):
     """Begins a command whose match hangs."""
 
-    def hang(program, timeout, line):
+    def hang(program, line, timeout, seconds_to_tidy_up=errors.SECONDS_TO_TIDY_UP):
+        seconds = (str(timeout), str(seconds_to_tidy_up))
         process = subprocess.Popen(
-            [sys.executable, "-c", HANGING, program, str(timeout), *line.split()],
+            [sys.executable, "-c", HANGING, program, *seconds, *line.split()],
             cwd=tmp_path,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -59,21 +64,21 @@ def hang(tmp_path):
 
 @pytest.mark.parametrize("program", PLAYED)
 def test_a_match_that_hangs_is_named_and_ends_the_command(program, hang, tmp_path):
-    process = hang(program, 1, PLAYED[program])
-    _, errors = process.communicate(timeout=40)
+    process = hang(program, PLAYED[program], timeout=1)
+    _, told = process.communicate(timeout=40)
     assert process.returncode == 1
-    assert errors.startswith(f"fbrl-{program}: error: The engine hangs: match 0 of academy_corner")
-    assert "took more than 1 s" in errors
-    assert errors.count("\n") == 1
+    assert told.startswith(f"fbrl-{program}: error: The engine hangs: match 0 of academy_corner")
+    assert "took more than 1 s" in told
+    assert told.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
 def test_it_ends_the_matches_that_are_played_for_a_picture(hang, shooter, tmp_path):
     there = sorted(tmp_path.iterdir())
-    process = hang("density", 1, f"plot agent --run {shooter} --episodes 2 --out a.png")
-    _, errors = process.communicate(timeout=40)
+    process = hang("density", f"plot agent --run {shooter} --episodes 2 --out a.png", timeout=1)
+    _, told = process.communicate(timeout=40)
     assert process.returncode == 1
-    assert "fbrl-density: error: The engine hangs: match 0" in errors
+    assert "fbrl-density: error: The engine hangs: match 0" in told
     assert sorted(tmp_path.iterdir()) == there
 
 
@@ -81,12 +86,12 @@ def test_it_ends_the_matches_that_are_played_for_a_picture(hang, shooter, tmp_pa
     ("program", "number"), [("eval", signal.SIGTERM), ("watch", signal.SIGINT)]
 )
 def test_a_signal_ends_a_command_that_hangs_in_seconds(program, number, hang, tmp_path):
-    process = hang(program, 600, PLAYED[program])
+    process = hang(program, PLAYED[program], timeout=600, seconds_to_tidy_up=3)
     started = time.monotonic()
     process.send_signal(number)
-    _, errors = process.communicate(timeout=40)
-    assert (process.returncode, errors) == (130, f"fbrl-{program}: interrupted\n")
-    assert time.monotonic() - started < 25
+    _, told = process.communicate(timeout=40)
+    assert (process.returncode, told) == (130, f"fbrl-{program}: interrupted\n")
+    assert time.monotonic() - started < 13
     assert list(tmp_path.iterdir()) == []
 
 
@@ -111,5 +116,5 @@ def test_what_hears_no_signal_is_ended_all_the_same():
     )
     assert process.stdout.readline() == "begun\n"
     process.send_signal(signal.SIGTERM)
-    _, errors = process.communicate(timeout=20)
-    assert (process.returncode, errors) == (130, "fbrl-deaf: interrupted\n")
+    _, told = process.communicate(timeout=20)
+    assert (process.returncode, told) == (130, "fbrl-deaf: interrupted\n")

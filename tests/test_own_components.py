@@ -11,6 +11,11 @@ from pathlib import Path
 
 import pytest
 
+import fbrl.cli.eval
+import fbrl.cli.plot
+import fbrl.cli.train
+import fbrl.cli.watch
+from fbrl import registry
 from fbrl.agent import load_agent
 from fbrl.assembly import make_training_reward
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
@@ -52,24 +57,34 @@ def workplace(tmp_path_factory):
     return Path(shutil.copytree(OWN, tmp_path_factory.mktemp("own") / "files"))
 
 
-def run(workplace, *command, code=0):
-    program, *arguments = command
-    done = subprocess.run(
-        [Path(sys.executable).with_name(program), *arguments],
-        cwd=workplace,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == code, done.stdout + done.stderr
-    return done
-
-
 @pytest.fixture(scope="module")
 def trained(workplace):
-    """The directory of a training with all four."""
-    run_dir = workplace / "run"
-    run(workplace, "fbrl-train", SCENARIO, *TINY, *NAMED, *GIVEN, "--run-dir", run_dir)
-    return run_dir
+    """The directory of a training with all four, by the command itself."""
+    program = Path(sys.executable).with_name("fbrl-train")
+    command = [program, SCENARIO, *TINY, *NAMED, *GIVEN, "--run-dir", "run"]
+    done = subprocess.run(command, cwd=workplace, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return workplace / "run"
+
+
+@pytest.fixture
+def run(workplace, run_main, monkeypatch):
+    """Runs commands where the files are, in this process, of which each has imported nothing."""
+
+    def run(program, *arguments, code=0):
+        monkeypatch.setattr(sys, "path", [*sys.path])
+        monkeypatch.setattr(registry, "_named", set())
+        forget_modules()
+        return run_main(getattr(fbrl.cli, program).main, *arguments, code=code)
+
+    monkeypatch.chdir(workplace)
+    yield run
+    forget_modules()
+
+
+def forget_modules():
+    for module in (*MODULES, "broken"):
+        sys.modules.pop(module, None)
 
 
 def test_they_are_trained_with_their_options(trained):
@@ -80,27 +95,26 @@ def test_they_are_trained_with_their_options(trained):
         assert "reward/pressing" in next(csv.reader(file))
 
 
-def test_their_run_goes_on_is_evaluated_watched_and_plotted(trained, workplace):
-    resumed = run(workplace, "fbrl-train", "--resume", trained, "--total-frames", "384", *IMPORTS)
-    assert "Done after 384 frames" in resumed.stdout
-    evaluated = run(workplace, "fbrl-eval", trained, "--episodes", "4", *IMPORTS)
-    assert "goal difference" in evaluated.stdout
-    run(workplace, "fbrl-watch", trained, "--out", "match.gif", "--width", "320", *IMPORTS)
+def test_their_run_goes_on_is_evaluated_watched_and_plotted(trained, run, workplace):
+    resumed = run("train", "--resume", trained, "--total-frames", 384, *IMPORTS)
+    assert "Done after 384 frames" in resumed.out
+    evaluated = run("eval", trained, "--episodes", 4, *IMPORTS)
+    assert "goal difference" in evaluated.out
+    run("watch", trained, "--out", "match.gif", "--width", 320, *IMPORTS)
     assert (workplace / "match.gif").stat().st_size > 1000
-    run(workplace, "fbrl-plot", "curves", trained, "--out", "curves.png")
+    run("plot", "curves", trained, "--out", "curves.png")
 
 
-@pytest.mark.parametrize(
-    "command", [("fbrl-train", "--resume"), ("fbrl-eval",), ("fbrl-watch",)], ids=" ".join
-)
-def test_what_only_a_file_names_is_not_imported(trained, workplace, command):
-    done = run(workplace, *command, trained, *IMPORTS[2:], code=2)
-    assert "--import pressing" in done.stderr
-    assert done.stderr.count("\n") == 1
+@pytest.mark.parametrize("command", [("train", "--resume"), ("eval",), ("watch",)], ids=" ".join)
+def test_what_only_a_file_names_is_not_imported(trained, run, command):
+    printed = run(*command, trained, *IMPORTS[2:], code=2)
+    assert "--import pressing" in printed.err
+    assert printed.err.count("\n") == 1
+    assert "pressing" not in sys.modules
 
 
-def test_help_shows_their_options(workplace):
-    text = run(workplace, "fbrl-train", SCENARIO, *NAMED, "--help").stdout
+def test_help_shows_their_options(run):
+    text = run("train", SCENARIO, *NAMED, "--help").out
     for expected in (*GIVEN[::2], "in goals", "of each team", "How far forward", "of a token"):
         assert expected in text
 
@@ -114,12 +128,12 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_can_not_be_used_is_named_in_one_line(case, workplace):
+def test_what_can_not_be_used_is_named_in_one_line(case, run, workplace):
     (workplace / "broken.py").write_text("1 / 0\n")
     name, expected = BAD[case]
-    done = run(workplace, "fbrl-train", SCENARIO, "--reward", name, code=2)
-    assert expected in done.stderr
-    assert done.stderr.count("\n") == 1
+    printed = run("train", SCENARIO, "--reward", name, code=2)
+    assert expected in printed.err
+    assert printed.err.count("\n") == 1
 
 
 def test_a_checkpoint_can_call_nothing_that_it_names(trained, tmp_path):

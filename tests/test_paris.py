@@ -11,6 +11,7 @@ import torch
 from conftest import REPOSITORY
 from tensordict.nn import TensorDictModule
 
+from fbrl.cli.train import main
 from fbrl.envs import ACTION_NAMES, OBSERVATION_SPACE, make_env
 
 FOLDER = REPOSITORY / "experiments" / "learning"
@@ -187,12 +188,11 @@ def test_goals_cards_and_a_win_at_the_end_are_paid(paris, stored):
     torch.testing.assert_close(paid["reward"], parts)
 
 
-def test_it_is_trained_from_the_command_line(run_program, tmp_path):
+def test_it_is_trained_from_the_command_line(paris, run_main, tmp_path):
     command = (
         "academy_3_vs_1_with_keeper --observation paris:ParisFeatures --reward paris:ParisReward "
         "--network paris:ParisNetwork --reward.zone 0.001 --network.num-features 32 --num-envs 2 "
         "--num-steps 64 --num-minibatches 2 --total-frames 256 --eval-episodes 0 --device cpu"
     )
-    done = run_program("fbrl-train", *command.split(), "--run-dir", tmp_path / "run", cwd=FOLDER)
-    assert done.returncode == 0, done.stderr
-    assert "Done after 256 frames" in done.stdout
+    printed = run_main(main, *command.split(), "--run-dir", tmp_path / "run")
+    assert "Done after 256 frames" in printed.out

@@ -12,6 +12,7 @@ from conftest import REPOSITORY
 from scipy.stats import multivariate_normal
 from tensordict import TensorDict
 
+from fbrl.cli.train import main
 from fbrl.envs import make_env
 
 FOLDER = REPOSITORY / "experiments" / "learning"
@@ -117,12 +118,11 @@ def test_zones_possession_and_dribbling_pay(pitch_control):
     )
 
 
-def test_it_is_trained_from_the_command_line(run_program, tmp_path):
+def test_it_is_trained_from_the_command_line(pitch_control, run_main, tmp_path):
     command = (
         "academy_3_vs_1_with_keeper --observation pitch_control:PitchControl "
         "--reward pitch_control:ZoneReward --network impala --observation.width 30 --num-envs 2 "
         "--num-steps 64 --num-minibatches 2 --total-frames 256 --eval-episodes 0 --device cpu"
     )
-    done = run_program("fbrl-train", *command.split(), "--run-dir", tmp_path / "run", cwd=FOLDER)
-    assert done.returncode == 0, done.stderr
-    assert "Done after 256 frames" in done.stdout
+    printed = run_main(main, *command.split(), "--run-dir", tmp_path / "run")
+    assert "Done after 256 frames" in printed.out
