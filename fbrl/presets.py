@@ -11,23 +11,22 @@ from fbrl.scenarios import SCENARIOS
 
 PRESETS = {
     "light": "simple115 and a small network, trains at the engine's speed on a CPU",
-    "strong": "players, the potential and a learner for its small rewards; for counterattacks, "
-    "with --initial-weights pretrained:academy_3_vs_1_with_keeper",
+    "strong": "players, the potential and a learner for its small rewards; counterattacks "
+    "want --initial-weights pretrained:academy_3_vs_1_with_keeper besides",
     "thesis": "mini map, IMPALA network and Table 5.1; wants a GPU",
 }
 """What each is."""
 
-# experiments/learning: what learned academy_counterattack_hard, from weights of another training.
+# experiments/learning: what learned 3 against 1, and both counterattacks from weights of another
+# training.
 _STRONG = PPOConfig(
     num_envs=32,
-    num_steps=64,
-    frame_skip=2,
+    num_steps=128,
     num_minibatches=4,
     num_epochs=6,
     target_kl=0.02,
     learning_rate=5e-4,
     anneal_learning_rate=False,
-    gamma=0.986,
     entropy_coeff_end=0.0,
     normalize_reward=True,
 )
