@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from written_runs import write_shooter
 
+from fbrl import registry
 from fbrl.envs import FootballVectorEnv
 from fbrl.envs.engine import load_gfootball
 
@@ -99,10 +100,15 @@ def own_scenarios(tmp_path):
 
 
 @pytest.fixture
-def run_main(capsys):
-    """Runs the main function of one of fbrl's commands in this process."""
+def run_main(capsys, monkeypatch):
+    """Runs the main function of one of fbrl's commands in this process.
+
+    Each begins, as a process of its own would, with no module of one's own that may be named.
+    """
 
     def run(main, *arguments, code=0):
+        monkeypatch.setattr(sys, "path", [*sys.path])
+        monkeypatch.setattr(registry, "_named", set())
         with pytest.raises(SystemExit) as ended:
             main([str(argument) for argument in arguments])
         printed = capsys.readouterr()

@@ -15,7 +15,6 @@ import fbrl.cli.eval
 import fbrl.cli.plot
 import fbrl.cli.train
 import fbrl.cli.watch
-from fbrl import registry
 from fbrl.agent import load_agent
 from fbrl.assembly import make_training_reward
 from fbrl.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
@@ -72,8 +71,6 @@ def run(workplace, run_main, monkeypatch):
     """Runs commands where the files are, in this process, of which each has imported nothing."""
 
     def run(program, *arguments, code=0):
-        monkeypatch.setattr(sys, "path", [*sys.path])
-        monkeypatch.setattr(registry, "_named", set())
         forget_modules()
         return run_main(getattr(fbrl.cli, program).main, *arguments, code=code)
 
