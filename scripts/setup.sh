@@ -138,7 +138,7 @@ make_venv "$PYTHON_FOUND" "$VENV" "$LOG_DIR" "$fresh"
 # No longer complete; the choices stay, for the call after a failure.
 printf '%s\nunfinished\n' "$DESCRIPTION" >"$STAMP"
 pip=("$VENV/bin/python" -m pip --disable-pip-version-check)
-# Compiling the modules that nobody imports is half the time; Python does it for the others.
+# Compiling the modules that nobody imports is half the time; the others are compiled at the end.
 install=("${pip[@]}" install --no-compile)
 
 # torch comes first and by exact version: asking for just any may fetch gigabytes anew.
@@ -166,5 +166,12 @@ if ! message=$("$VENV/bin/python" -c 'import fbrl_engine' 2>&1); then
     "rm -rf '$(dirname "$ENGINE_WHEEL")' && make setup"
 fi
 printf '%s\n' "$engine" >"$VENV/.engine"
+
+# Shows that all works together, and leaves the bytecode of what it imports, which every command
+# would compile anew where PYTHONDONTWRITEBYTECODE is set, as in many containers.
+rm -rf "$LOG_DIR/run"
+run_logged "A first training, of seconds" "$LOG_DIR/training.log" \
+  env --unset=PYTHONDONTWRITEBYTECODE "$VENV/bin/fbrl-train" academy_empty_goal --total-frames 256 \
+  --num-envs 2 --num-steps 64 --eval-episodes 2 --run-dir "$LOG_DIR/run"
 printf '%s\n' "$DESCRIPTION" >"$STAMP"
 say "Set-up complete in $SECONDS s. Check it with .venv/bin/fbrl-doctor, train with make train"

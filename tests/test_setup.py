@@ -74,16 +74,42 @@ def fake_python(path: Path, version: str, unless: str = "nothing") -> Path:
     return path
 
 
-def test_a_second_set_up_takes_no_time() -> None:
+@pytest.fixture
+def set_up_clone() -> Path:
+    """This clone, if set-up has made its virtual environment."""
     check = subprocess.run(
         ["scripts/setup.sh", "--check"], cwd=REPOSITORY, env=clean_environment(), check=False
     )
     if check.returncode != 0:
         pytest.skip("this clone isn't set up through make")
+    return REPOSITORY
+
+
+@pytest.mark.usefixtures("set_up_clone")
+def test_a_second_set_up_takes_no_time() -> None:
     started = time.perf_counter()
     process = subprocess.run(["make", "setup"], cwd=REPOSITORY, env=clean_environment(), check=True)
     assert process.returncode == 0
     assert time.perf_counter() - started < 2.0
+
+
+NOT_COMPILED = """
+import pathlib, sys
+import fbrl.assembly, fbrl.cli.train, torch._dynamo, torch.utils.tensorboard
+for name, module in sys.modules.items():
+    spec = getattr(module, "__spec__", None)
+    ours = name.startswith("fbrl.")  # May be newer than the set-up.
+    if spec and spec.cached and not ours and not pathlib.Path(spec.cached).exists():
+        print(name)
+"""
+
+
+def test_no_command_has_to_compile_what_it_imports(set_up_clone: Path) -> None:
+    python = set_up_clone / ".venv" / "bin" / "python"
+    not_compiled = subprocess.run(
+        [python, "-B", "-c", NOT_COMPILED], capture_output=True, text=True
+    )
+    assert (not_compiled.stdout, not_compiled.stderr) == ("", "")
 
 
 def test_a_clone_that_is_not_set_up_says_so(clone: Path) -> None:
