@@ -179,7 +179,7 @@ def test_configurations_that_differ_in_more_than_the_seed_are_named_in_the_table
     run_eval(*runs, "--episodes", 2, "--json", "out.json")
     report = json.loads((tmp_path / "out.json").read_text())
     assert [row["configuration"] for row in report["results"]] == [
-        "analytics, density as shipped",
+        "analytics",
         "analytics, reward.density uniform",
     ]
     assert report["seeds"] == []

@@ -74,12 +74,23 @@ def test_what_is_learned_and_how_parts_runs(run, change):
 def test_a_label_has_what_differs(run):
     assert labels(run(), run(reward="scoring")) == ["analytics", "scoring"]
     assert labels(run(), run(reward_options={"density": "uniform"})) == [
-        "density as shipped",
+        "analytics reward, preset light",
         "reward.density uniform",
     ]
     assert labels(run(ppo={"gamma": 0.9}), run(network_options={"hidden_sizes": (8, 4)})) == [
-        "network.hidden_sizes 256 256, gamma 0.9",
-        "network.hidden_sizes 8 4, gamma 0.993",
+        "gamma 0.9",
+        "gamma 0.993, network.hidden_sizes 8 4",
+    ]
+
+
+def test_what_options_are_anyway_is_in_no_label(run):
+    uniform = {"reward_options": {"density": "uniform"}}
+    runs = [run(), run(reward="potential"), run(**uniform), run(reward="potential", **uniform)]
+    assert labels(*runs) == [
+        "analytics",
+        "potential",
+        "analytics, reward.density uniform",
+        "potential, reward.density uniform",
     ]
 
 
@@ -118,6 +129,9 @@ def test_checkpoints_of_one_training_are_told_apart_by_their_frames(run):
     assert group.label == "analytics reward, preset light"
     with pytest.raises(RunGroupError, match="both seed 1"):
         group_runs(runs, frames=[200, 200, 200])
+    over = [run(ppo={"total_frames": 200}), run(ppo={"total_frames": 200, "gamma": 0.9})]
+    finished = group_runs(over, frames=[201, 256])
+    assert [group.label for group in finished] == ["gamma 0.993", "gamma 0.9"]
 
 
 def test_each_run_for_itself_is_named_by_its_directory(run):
@@ -132,4 +146,7 @@ def test_each_seed_may_have_begun_with_a_training_of_its_own(run):
     runs = [run(seed=0, initial_weights="a"), run(seed=1, initial_weights="b"), run(seed=0)]
     groups = group_runs(runs)
     assert [group.runs for group in groups] == [tuple(runs[:2]), (runs[2],)]
-    assert [group.label for group in groups] == ["initial_weights given", "initial_weights None"]
+    assert [group.label for group in groups] == [
+        "initial_weights given",
+        "analytics reward, preset light",
+    ]

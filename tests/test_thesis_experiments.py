@@ -27,6 +27,15 @@ grids:
     num-minibatches: 1
     eval-episodes: 2
     eval-pictures: false
+  one seed:
+    scenario: academy_empty_goal_close
+    reward: checkpoints
+    total-frames: 1024
+    num-envs: 4
+    num-steps: 64
+    num-minibatches: 1
+    eval-episodes: 2
+    eval-pictures: false
   not begun:
     scenario: academy_corner
 """
@@ -69,15 +78,17 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
         "generalisation.png",
     }
     rows = read_csv_table(tmp_path / "out" / "results.csv").rows
-    assert len(rows) == 4 * 3
+    assert len(rows) == 5 * 3
     assert {(row["scenario"], row["mode"]) for row in rows} == {
         ("academy_empty_goal_close", "sample"),
         ("academy_empty_goal_close", "greedy"),
         ("academy_empty_goal", "sample"),
     }
     text = (tmp_path / "out" / "results.md").read_text()
-    assert text.startswith("4 of 5 runs were finished.")
+    assert text.startswith("5 of 6 runs were finished.")
     assert "analytics" in text
+    assert text.count("(one seed, no interval)") == 2
+    assert text.count("| analytics |") + text.count("| scoring |") == 2 * 2 + 2 * 2
     assert "probability of improvement" in text
     assert len(re.findall(r"\| [\d,]+; [\d,]+ \|\n", text)) == 4  # configurations and modes
     # What was played is kept, and the same when it is read again.
@@ -95,7 +106,7 @@ def test_runs_whose_directories_are_gone_stay_in_the_report(report, runs, tmp_pa
     some = tmp_path / "some"
     shutil.copytree(folder, some, ignore=shutil.ignore_patterns("*analytics*"))
     report.report(grid, some, tmp_path / "kept", scale=0.004)
-    assert (tmp_path / "kept" / "results.md").read_text().startswith("2 of 5 runs")
+    assert (tmp_path / "kept" / "results.md").read_text().startswith("3 of 6 runs")
     report.report(grid, folder, tmp_path / "kept", scale=0.004)
     shutil.rmtree(some)
     report.report(grid, some, tmp_path / "kept", scale=0.004)

@@ -212,17 +212,14 @@ def tell_scenario(scenario: str, agents: Sequence[EvaluatedPolicy], rows: list[R
         own = [r for r in rows if (r["configuration"], r["mode"]) == (seeds.label, seeds.mode)]
         reached = sorted(int(row[UNTIL]) for row in own if row[UNTIL])
         until = [f"{frames:,}" for frames in reached] + ["never"] * (len(own) - len(reached))
-        middle = seeds.goal_difference
-        interval = f"{middle.value:.3f} [{middle.low:.3f}, {middle.high:.3f}]"
-        mean = f"{np.mean(seeds.scores):.3f}"
-        row = [seeds.label, seeds.mode, str(seeds.seeds), mean, interval, "; ".join(until)]
+        mean, middle = f"{np.mean(seeds.scores):.3f}", str(seeds.goal_difference)
+        row = [seeds.label, seeds.mode, str(seeds.seeds), mean, middle, "; ".join(until)]
         table.append(row)
     lines = [f"## {scenario}", "", *(f"| {' | '.join(cells)} |" for cells in table)]
     lines += ["", "| configuration | over | mode | probability of improvement |"]
     lines += ["|---|---|---|---|"]
-    for better, other, chance in improvements(pooled):
-        interval = f"{chance.value:.2f} [{chance.low:.2f}, {chance.high:.2f}]"
-        lines += [f"| {better.label} | {other.label} | {better.mode} | {interval} |"]
+    for better, other, chance in improvements([seeds for seeds in pooled if seeds.seeds > 1]):
+        lines += [f"| {better.label} | {other.label} | {better.mode} | {chance} |"]
     return [*lines, ""]
 
 

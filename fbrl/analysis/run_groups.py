@@ -11,8 +11,9 @@ import numpy as np
 
 from fbrl.analysis.run_log import RunLog
 from fbrl.analysis.seed_statistics import Array, mean_curve
+from fbrl.components import COMPONENTS
 from fbrl.config import HOW_IT_IS_RUN, TrainConfig
-from fbrl.config_json import with_flat_options
+from fbrl.config_json import config_to_dict
 from fbrl.presets import nearest_preset, preset_config
 
 NOT_TRAINED = frozenset(
@@ -56,7 +57,8 @@ def group_runs(
     Args:
         runs: In any order; the groups come in the order of their first runs.
         always: Fields that a label always has.
-        frames: Frames that each run was trained on; if given, these may not differ either.
+        frames: Frames that each run was trained on, if that may be fewer than it was to be; these
+            may not differ either.
 
     Raises:
         RunGroupError: A seed comes twice in a group.
@@ -64,7 +66,7 @@ def group_runs(
     members: dict[tuple[tuple[str, Any], ...], list[RunLog]] = {}
     for index, run in enumerate(runs):
         settings = _settings(run.config)
-        if frames is not None:
+        if frames is not None and frames[index] < run.config.ppo.total_frames:
             settings["frames"] = frames[index]
         members.setdefault(tuple(settings.items()), []).append(run)
     for group in members.values():
@@ -142,7 +144,12 @@ def running_mean(values: Array, count: int) -> Array:
 
 
 def _settings(config: TrainConfig) -> dict[str, Any]:
-    values = with_flat_options(config)
+    values = config_to_dict(config)
+    for kind in COMPONENTS:
+        del values[f"{kind}_options"]
+    for kind, registry, name, options in config.components():
+        given = registry.without_defaults(name, options)
+        values |= {f"{kind}.{option}": value for option, value in given.items()}
     ppo = values.pop("ppo")
     learned = {
         name: tuple(value) if isinstance(value, list) else value
@@ -156,11 +163,11 @@ def _settings(config: TrainConfig) -> dict[str, Any]:
 
 def _tells_apart(name: str, keys: Sequence[Settings]) -> bool:
     for scenario in {key["scenario"] for key in keys}:
-        # Options of a component tell those apart that have it.
-        same = [key for key in keys if key["scenario"] == scenario and name in key]
-        differs = len({key[name] for key in same}) > 1
+        # An option of a component has no entry where it is what it is anyway.
+        values = [(key.get(name), key) for key in keys if key["scenario"] == scenario]
+        differs = len({value for value, _ in values}) > 1
         by_nature = name in ("preset", "frames")
-        if differs and (by_nature or any(key[name] != _preset_value(name, key) for key in same)):
+        if differs and (by_nature or any(v != _preset_value(name, key) for v, key in values)):
             return True
     return False
 
@@ -170,16 +177,13 @@ def _preset_value(name: str, key: Settings) -> Any:
 
 
 def _label(key: Settings, shown: Sequence[str]) -> str:
-    if not shown:
-        return f"{key['reward']} reward, preset {key['preset']}"
-    return ", ".join(_part(name, key[name]) for name in shown if name in key)
+    parts = [_part(name, key[name]) for name in shown if key.get(name) is not None]
+    return ", ".join(parts) or f"{key['reward']} reward, preset {key['preset']}"
 
 
 def _part(name: str, value: Any) -> str:
     if name == "reward":
         return str(value)
-    if name == "reward.density" and value is None:
-        return "density as shipped"
     if isinstance(value, tuple):
         value = " ".join(map(str, value))
     return f"{name} {value}"

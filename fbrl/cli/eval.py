@@ -164,6 +164,8 @@ def _evaluate(options: argparse.Namespace, scenarios: Sequence[str]) -> dict[str
     training = [training_row(c, options.threshold, options.tolerance) for c in policies]
     results = _play_all(policies, scenarios, options, device)
     pooled = pool_seeds(policies, results)
+    if all(part.seeds == 1 for part in pooled):
+        pooled = []
     seeds = [
         {
             "configuration": part.label,

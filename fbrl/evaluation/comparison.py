@@ -159,7 +159,7 @@ def configurations(policies: Sequence[EvaluatedPolicy]) -> dict[str, str]:
     Raises:
         RunGroupError: A seed comes twice in a configuration.
     """
-    groups = _groups(policies, always=("reward",))
+    groups = _groups(policies)
     labels = {str(run.run_dir): group.label for group in groups for run in group.runs}
     return labels | {one.name: one.name for one in policies if _is_pretrained(one)}
 
@@ -209,7 +209,7 @@ def result_row(
 
 
 def pool_seeds(policies: Sequence[EvaluatedPolicy], rows: Sequence[Row]) -> list[PooledSeeds]:
-    """The seeds of each configuration together, where there are several.
+    """The seeds of each configuration together.
 
     All of them played in the same scenarios and modes. Agents that were trained on fewer frames, as
     earlier checkpoints were, count for themselves.
@@ -218,8 +218,6 @@ def pool_seeds(policies: Sequence[EvaluatedPolicy], rows: Sequence[Row]) -> list
         RunGroupError: A seed comes twice in a configuration.
     """
     groups = _groups(policies)
-    if not any(len(group.runs) > 1 for group in groups):
-        return []
     modes = list(dict.fromkeys(row["mode"] for row in rows if row["mode"]))
     return [_pool(group, mode, rows) for group in groups for mode in modes]
 
@@ -269,14 +267,14 @@ def _is_pretrained(evaluated: EvaluatedPolicy) -> bool:
     return evaluated.name.startswith(PREFIX)
 
 
-def _groups(policies: Sequence[EvaluatedPolicy], always: Sequence[str] = ()) -> list[RunGroup]:
+def _groups(policies: Sequence[EvaluatedPolicy]) -> list[RunGroup]:
     runs, frames = [], []
     for evaluated in policies:
         # A pretrained agent was chosen from several seeds: it is no fair one among others.
         if evaluated.config and evaluated.frames is not None and not _is_pretrained(evaluated):
             runs.append(RunLog(Path(evaluated.name), evaluated.config))
             frames.append(evaluated.frames)
-    return group_runs(runs, always, frames)
+    return group_runs(runs, ("reward",), frames)
 
 
 def _pool(group: RunGroup, mode: str, rows: Sequence[Row]) -> PooledSeeds:
