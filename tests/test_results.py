@@ -157,6 +157,14 @@ class TestEvaluationTable:
             "analytics, from academy_3_vs_1_with_keeper",
         ]
 
+    def test_at_home_an_agent_is_not_named_by_its_school(self, table):
+        schools = [
+            ("run", "analytics", "analytics", school, 3, school, "sample")
+            for school in ("academy_corner", "academy_3_vs_1_with_keeper")
+        ]
+        results = read_evaluation_table(table(*schools), "goal-difference", "sample")
+        assert [result.agent for result in results] == ["analytics", "analytics"]
+
     def test_a_missing_column_is_named(self, table):
         path = table(self.AWAY, drop="trained_on")
         with pytest.raises(ResultsError, match=r"eval\.csv has no column trained_on"):

@@ -88,8 +88,11 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
     assert text.startswith("5 of 6 runs were finished.")
     assert "analytics" in text
     assert text.count("(one seed, no interval)") == 2
-    assert text.count("| analytics |") + text.count("| scoring |") == 2 * 2 + 2 * 2
-    assert "probability of improvement" in text
+    assert re.findall(r"\n\| (\w+, \w+) \| (\w+) \| (\d) \|", text) == [
+        (f"{reward}, light", mode, seeds)
+        for reward, seeds in {"analytics": "2", "scoring": "2", "checkpoints": "1"}.items()
+        for mode in ("sample", "greedy")
+    ]
     assert len(re.findall(r"\| [\d,]+; [\d,]+ \|\n", text)) == 4  # configurations and modes
     # What was played is kept, and the same when it is read again.
     monkeypatch.setattr(report, "play", None)

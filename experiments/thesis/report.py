@@ -26,16 +26,15 @@ sys.path.append(str(Path(__file__).parents[1] / "sweep"))
 from grid import Point, read_grid
 
 from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until, read_run_log
+from fbrl.analysis.seed_statistics import interquartile_mean, probability_of_improvement
 from fbrl.cli.plot import main as plot
+from fbrl.components import REWARDS
+from fbrl.config import TrainConfig
 from fbrl.config_json import config_to_dict
 from fbrl.evaluation.comparison import (
     EvaluatedPolicy,
     Row,
-    baseline,
-    configurations,
-    improvements,
     play,
-    pool_seeds,
     result_row,
     trained,
 )
@@ -43,6 +42,7 @@ from fbrl.evaluation.evaluation import Evaluation
 from fbrl.files.atomic_write import atomic_write
 from fbrl.files.csv_table import as_number, read_csv_table, write_csv_table
 from fbrl.policy_names import MODES
+from fbrl.presets import nearest_preset
 from fbrl.run_files import CONFIG_NAME, FRAMES, METRICS_NAME
 from fbrl.scenarios import SCENARIO_GROUPS, SCENARIOS
 
@@ -55,6 +55,15 @@ UNTIL, THRESHOLD, TOLERANCE = "frames_until_threshold", 0.3, 0.1
 player has in any of the thesis's academy scenarios."""
 SEED = 1000
 """Of the fresh matches: no training's."""
+
+REFERENCE = "analytics"
+"""The reward that others are compared with, in the same preset."""
+MEANS = {"goal_difference": 3, "passes": 2, "shots": 2}
+"""Columns of which the means over seeds are told, and their digits."""
+COLUMNS = [
+    "configuration", "mode", "seeds", "mean", "interquartile mean [95 %]",
+    "analytics is better [95 %]", "passes", "shots", f"frames until {THRESHOLD:g}, each seed",
+]  # fmt: skip
 
 ELSEWHERE = (*SCENARIO_GROUPS["all-academy"], "11_vs_11_easy_stochastic", "11_vs_11_stochastic")
 """Where agents play beside the scenario that they were trained on."""
@@ -202,25 +211,37 @@ def draw(arguments: Sequence[str]) -> None:
             raise
 
 
-def tell_scenario(scenario: str, agents: Sequence[EvaluatedPolicy], rows: list[Row]) -> list[str]:
+def label_of(config: TrainConfig) -> str:
+    """What tells a configuration from others, in any scenario."""
+    options = REWARDS.without_defaults(config.reward, config.reward_options)
+    departures = (f"{name} {value}" for name, value in options.items())
+    return ", ".join([config.reward, nearest_preset(config), *departures])
+
+
+def tell_scenario(scenario: str, rows: Sequence[Row]) -> list[str]:
     """What the runs of a scenario came to where they were trained, in Markdown."""
-    rows = [row for row in rows if row["scenario"] == row["trained_on"] == scenario]
-    pooled = pool_seeds(agents, rows)
-    head = ("configuration", "mode", "seeds", "mean", "interquartile mean [95 %]")
-    table = [[*head, f"frames until {THRESHOLD:g}, each seed"], ["---"] * (len(head) + 1)]
-    for seeds in pooled:
-        own = [r for r in rows if (r["configuration"], r["mode"]) == (seeds.label, seeds.mode)]
+    seeds: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        if row["scenario"] == row["trained_on"] == scenario:
+            seeds.setdefault((row["configuration"], row["mode"]), []).append(row)
+    scores = {key: [[row["goal_difference"]] for row in own] for key, own in seeds.items()}
+    table = [COLUMNS, ["---"] * len(COLUMNS)]
+    for (label, mode), own in seeds.items():
+        ours = scores[label, mode]
         reached = sorted(int(row[UNTIL]) for row in own if row[UNTIL])
         until = [f"{frames:,}" for frames in reached] + ["never"] * (len(own) - len(reached))
-        mean, middle = f"{np.mean(seeds.scores):.3f}", str(seeds.goal_difference)
-        row = [seeds.label, seeds.mode, str(seeds.seeds), mean, middle, "; ".join(until)]
-        table.append(row)
-    lines = [f"## {scenario}", "", *(f"| {' | '.join(cells)} |" for cells in table)]
-    lines += ["", "| configuration | over | mode | probability of improvement |"]
-    lines += ["|---|---|---|---|"]
-    for better, other, chance in improvements([seeds for seeds in pooled if seeds.seeds > 1]):
-        lines += [f"| {better.label} | {other.label} | {better.mode} | {chance} |"]
-    return [*lines, ""]
+        plain = (f"{REFERENCE}, {label.split(', ')[1]}", mode)
+        compared = plain[0] != label and min(len(ours), len(scores.get(plain, ()))) > 1
+        better = probability_of_improvement(scores[plain], ours) if compared else ""
+        means = [f"{mean_of(own, name):.{n}f}" for name, n in MEANS.items()]
+        cells = [label, mode, str(len(own)), means[0], str(interquartile_mean(ours)), str(better)]
+        table.append([*cells, *means[1:], "; ".join(until)])
+    return [f"## {scenario}", "", *(f"| {' | '.join(cells)} |" for cells in table), ""]
+
+
+def mean_of(rows: Sequence[Row], name: str) -> float:
+    """The mean over seeds of what their matches had on average."""
+    return float(np.mean([float(row[name]) for row in rows]))
 
 
 def report(grid: Path, runs: Path, out: Path, scale: float, elsewhere: Sequence[str] = ()) -> None:
@@ -228,25 +249,17 @@ def report(grid: Path, runs: Path, out: Path, scale: float, elsewhere: Sequence[
     points = read_grid(grid, runs)
     out.mkdir(parents=True, exist_ok=True)
     rows, curves = add_finished(points, out, scale, elsewhere)
-    frames = {row["policy"]: int(row["frames"]) for row in rows}
-    finished = [point for point in points if point.run_dir.name in frames]
+    labels = {point.run_dir.name: label_of(point.config) for point in points}
+    rows.sort(key=lambda row: list(labels).index(row["policy"]))
+    for row in rows:
+        row["configuration"] = labels[row["policy"]]
+        row["goal_difference"] = as_number(row["goal_difference"])
+    finished = [p for p in points if any(row["policy"] == p.run_dir.name for row in rows)]
     print(f"{len(finished)} of {len(points)} runs are finished.")
     lines = [f"{len(finished)} of {len(points)} runs were finished.", ""]
     for scenario in dict.fromkeys(point.config.scenario for point in finished):
+        lines += tell_scenario(scenario, rows)
         own = [point for point in finished if point.config.scenario == scenario]
-        names = [point.run_dir.name for point in own]
-        # They have played: what is left of them is what they were.
-        gone = baseline("idle")
-        agents = [
-            dataclasses.replace(gone, name=name, config=point.config, frames=frames[name])
-            for name, point in zip(names, own, strict=True)
-        ]
-        labels = configurations(agents)
-        for row in rows:
-            if row["policy"] in labels:
-                row["configuration"] = labels[row["policy"]]
-                row["goal_difference"] = as_number(row["goal_difference"])
-        lines += tell_scenario(scenario, agents, rows)
         draw_curves(own, curves, out / f"curves_{scenario}.png")
     with atomic_write(out / "results.md") as file:
         file.write("\n".join(lines).encode())

@@ -162,7 +162,7 @@ def read_evaluation_table(path: Path, measure: str, mode: str) -> list[Result]:
             f"{'the' if at_home else 'another than the'} scenario it was trained on in the mode "
             f"{mode}; there are {len(rows)} other rows."
         )
-    return [_table_result(path, row, len(trained_on) > 1) for row in chosen]
+    return [_table_result(path, row, not at_home and len(trained_on) > 1) for row in chosen]
 
 
 def _table_result(path: Path, row: Mapping[str, str], name_scenario: bool) -> Result:
