@@ -72,7 +72,6 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
         "results.md",
         "results.csv",
         "curves.csv",
-        "figure_6_1.csv",
         "figure_6_1.png",
         "curves_academy_empty_goal_close.png",
         "generalisation.png",
@@ -85,7 +84,7 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
         ("academy_empty_goal", "sample"),
     }
     text = (tmp_path / "out" / "results.md").read_text()
-    assert text.startswith("5 of 6 runs were finished.")
+    assert "\n5 of 6 runs were finished.\n" in text
     assert "analytics" in text
     assert text.count("(one seed, no interval)") == 2
     assert re.findall(r"\n\| (\w+, \w+) \| (\w+) \| (\d) \|", text) == [
@@ -97,7 +96,7 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
     # What was played is kept, and the same when it is read again.
     monkeypatch.setattr(report, "play", None)
     report.report(grid, folder, tmp_path / "again", 0.004, ["academy_empty_goal"])
-    for name in ("results.md", "results.csv", "curves.csv", "figure_6_1.csv"):
+    for name in ("results.md", "results.csv", "curves.csv"):
         assert (tmp_path / "again" / name).read_text() == (tmp_path / "out" / name).read_text()
 
 
@@ -109,7 +108,7 @@ def test_runs_whose_directories_are_gone_stay_in_the_report(report, runs, tmp_pa
     some = tmp_path / "some"
     shutil.copytree(folder, some, ignore=shutil.ignore_patterns("*analytics*"))
     report.report(grid, some, tmp_path / "kept", scale=0.004)
-    assert (tmp_path / "kept" / "results.md").read_text().startswith("3 of 6 runs")
+    assert "3 of 6 runs" in (tmp_path / "kept" / "results.md").read_text()
     report.report(grid, folder, tmp_path / "kept", scale=0.004)
     shutil.rmtree(some)
     report.report(grid, some, tmp_path / "kept", scale=0.004)

@@ -173,6 +173,14 @@ def draw_curves(points: Sequence[Point], curves: Sequence[Row], path: Path) -> N
         draw(["curves", *map(str, logs), "--out", str(path)])
 
 
+def draw_bars(rows: Sequence[Row], path: Path) -> None:
+    """Draws what agents reached where they were trained, beside the thesis's published numbers."""
+    with tempfile.TemporaryDirectory() as folder:
+        table = Path(folder, "results.csv")
+        write_csv_table(table, rows)
+        draw(["bars", str(table), "--reference", "thesis", "--out", str(path)])
+
+
 def draw_generalisation(rows: Sequence[Row], path: Path) -> None:
     """A heat map of mean goal differences: trained on, played on."""
     from fbrl.figures.files import save_figure
@@ -256,7 +264,7 @@ def report(grid: Path, runs: Path, out: Path, scale: float, elsewhere: Sequence[
         row["goal_difference"] = as_number(row["goal_difference"])
     finished = [p for p in points if any(row["policy"] == p.run_dir.name for row in rows)]
     print(f"{len(finished)} of {len(points)} runs are finished.")
-    lines = [f"{len(finished)} of {len(points)} runs were finished.", ""]
+    lines = ["# Results", "", f"{len(finished)} of {len(points)} runs were finished.", ""]
     for scenario in dict.fromkeys(point.config.scenario for point in finished):
         lines += tell_scenario(scenario, rows)
         own = [point for point in finished if point.config.scenario == scenario]
@@ -269,9 +277,7 @@ def report(grid: Path, runs: Path, out: Path, scale: float, elsewhere: Sequence[
     for name, scenarios in FIGURES.items():
         shown = [row for row in rows if row["trained_on"] in scenarios]
         if shown:
-            table = out / f"{name}.csv"
-            write_csv_table(table, shown)
-            draw(["bars", str(table), "--reference", "thesis", "--out", str(out / f"{name}.png")])
+            draw_bars(shown, out / f"{name}.png")
     if any(row["scenario"] != row["trained_on"] for row in rows):
         draw_generalisation(rows, out / "generalisation.png")
 
