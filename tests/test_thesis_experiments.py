@@ -72,7 +72,7 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
         "results.md",
         "results.csv",
         "curves.csv",
-        "figure_6_1.png",
+        "figure_6_1_light.png",
         "curves_academy_empty_goal_close.png",
         "generalisation.png",
     }

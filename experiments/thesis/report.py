@@ -74,7 +74,7 @@ FIGURES = {
     "figure_6_2": ("11_vs_11_stochastic",),
     "figure_6_3": ("11_vs_11_easy_stochastic",),
 }  # fmt: skip
-"""Those of the thesis, and the scenarios that they show."""
+"""Those of the thesis, each drawn once for a preset, and the scenarios that they show."""
 
 
 def matches_of(
@@ -276,8 +276,9 @@ def report(grid: Path, runs: Path, out: Path, scale: float, elsewhere: Sequence[
     write_csv_table(out / RESULTS, rows)
     for name, scenarios in FIGURES.items():
         shown = [row for row in rows if row["trained_on"] in scenarios]
-        if shown:
-            draw_bars(shown, out / f"{name}.png")
+        for preset in {row["preset"] for row in shown}:
+            own = [row for row in shown if row["preset"] == preset]
+            draw_bars(own, out / f"{name}_{preset}.png")
     if any(row["scenario"] != row["trained_on"] for row in rows):
         draw_generalisation(rows, out / "generalisation.png")
 
