@@ -17,7 +17,7 @@ from fbrl.training import train
 REPORT = Path(__file__).parents[1] / "experiments" / "thesis" / "report.py"
 GRID = """
 grids:
-  rewards:
+  rewards: &rewards
     scenario: academy_empty_goal_close
     reward: [analytics, scoring]
     seed: [0, 1]
@@ -28,14 +28,9 @@ grids:
     eval-episodes: 2
     eval-pictures: false
   one seed:
-    scenario: academy_empty_goal_close
+    <<: *rewards
     reward: checkpoints
-    total-frames: 1024
-    num-envs: 4
-    num-steps: 64
-    num-minibatches: 1
-    eval-episodes: 2
-    eval-pictures: false
+    seed: 0
   not begun:
     scenario: academy_corner
 """

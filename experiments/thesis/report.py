@@ -58,11 +58,11 @@ SEED = 1000
 
 REFERENCE = "analytics"
 """The reward that others are compared with, in the same preset."""
-MEANS = {"goal_difference": 3, "passes": 2, "shots": 2}
-"""Columns of which the means over seeds are told, and their digits."""
+PLAY = ("passes", "shots")
+"""Of a match, told beside the goals."""
 COLUMNS = [
     "configuration", "mode", "seeds", "mean", "interquartile mean [95 %]",
-    "analytics is better [95 %]", "passes", "shots", f"frames until {THRESHOLD:g}, each seed",
+    f"{REFERENCE} is better [95 %]", *PLAY, f"frames until {THRESHOLD:g}, each seed",
 ]  # fmt: skip
 
 ELSEWHERE = (*SCENARIO_GROUPS["all-academy"], "11_vs_11_easy_stochastic", "11_vs_11_stochastic")
@@ -238,12 +238,12 @@ def tell_scenario(scenario: str, rows: Sequence[Row]) -> list[str]:
         ours = scores[label, mode]
         reached = sorted(int(row[UNTIL]) for row in own if row[UNTIL])
         until = [f"{frames:,}" for frames in reached] + ["never"] * (len(own) - len(reached))
-        plain = (f"{REFERENCE}, {label.split(', ')[1]}", mode)
+        plain = (f"{REFERENCE}, {own[0]['preset']}", mode)
         compared = plain[0] != label and min(len(ours), len(scores.get(plain, ()))) > 1
         better = probability_of_improvement(scores[plain], ours) if compared else ""
-        means = [f"{mean_of(own, name):.{n}f}" for name, n in MEANS.items()]
-        cells = [label, mode, str(len(own)), means[0], str(interquartile_mean(ours)), str(better)]
-        table.append([*cells, *means[1:], "; ".join(until)])
+        middle, play_of = interquartile_mean(ours), (f"{mean_of(own, name):.2f}" for name in PLAY)
+        cells = [label, mode, str(len(own)), f"{np.mean(ours):.3f}", str(middle), str(better)]
+        table.append([*cells, *play_of, "; ".join(until)])
     return [f"## {scenario}", "", *(f"| {' | '.join(cells)} |" for cells in table), ""]
 
 
@@ -258,7 +258,8 @@ def report(grid: Path, runs: Path, out: Path, scale: float, elsewhere: Sequence[
     out.mkdir(parents=True, exist_ok=True)
     rows, curves = add_finished(points, out, scale, elsewhere)
     labels = {point.run_dir.name: label_of(point.config) for point in points}
-    rows.sort(key=lambda row: list(labels).index(row["policy"]))
+    order = list(labels)
+    rows.sort(key=lambda row: order.index(row["policy"]))
     for row in rows:
         row["configuration"] = labels[row["policy"]]
         row["goal_difference"] = as_number(row["goal_difference"])
@@ -276,7 +277,7 @@ def report(grid: Path, runs: Path, out: Path, scale: float, elsewhere: Sequence[
     write_csv_table(out / RESULTS, rows)
     for name, scenarios in FIGURES.items():
         shown = [row for row in rows if row["trained_on"] in scenarios]
-        for preset in {row["preset"] for row in shown}:
+        for preset in dict.fromkeys(row["preset"] for row in shown):
             own = [row for row in shown if row["preset"] == preset]
             draw_bars(own, out / f"{name}_{preset}.png")
     if any(row["scenario"] != row["trained_on"] for row in rows):
