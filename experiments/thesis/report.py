@@ -14,6 +14,7 @@ import dataclasses
 import json
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -124,21 +125,28 @@ def curve_of(log: RunLog) -> list[Row]:
 
 
 def add_finished(
-    points: Sequence[Point], out: Path, scale: float, elsewhere: Sequence[str]
+    points: Sequence[Point], out: Path, scale: float, elsewhere: Sequence[str], seeds: int
 ) -> tuple[list[Row], list[Row]]:
     """Adds what has been finished since to the tables of results and of curves; returns both.
 
-    What is there stays, also of runs whose directories are gone.
+    What is there stays, also of runs whose directories are gone. So many ``seeds`` of each
+    configuration play ``elsewhere`` too.
     """
     results, curves = (read_rows(out / name) for name in (RESULTS, CURVES))
     strangers = {row["policy"] for row in results} - {point.run_dir.name for point in points}
     if strangers:
         raise ValueError(f"{out / RESULTS} has {min(strangers)}, which is not in the grid.")
     known = {(row["policy"], row["scenario"], row["mode"]) for row in results}
+    travelled: Counter[tuple[str, str]] = Counter()
     for point in points:
         name, run_dir = point.run_dir.name, point.run_dir
-        wanted = [one for one in wanted_of(point, elsewhere) if (name, *one[:2]) not in known]
-        if not wanted or not point.is_finished():
+        if not point.is_finished():
+            continue
+        configuration = (point.config.scenario, label_of(point.config))
+        travelled[configuration] += 1
+        away = elsewhere if travelled[configuration] <= seeds else ()
+        wanted = [one for one in wanted_of(point, away) if (name, *one[:2]) not in known]
+        if not wanted:
             continue
         log = read_run_log(run_dir)
         if not any(row["policy"] == name for row in curves):
@@ -252,11 +260,11 @@ def mean_of(rows: Sequence[Row], name: str) -> float:
     return float(np.mean([float(row[name]) for row in rows]))
 
 
-def report(grid: Path, runs: Path, out: Path, scale: float, elsewhere: Sequence[str] = ()) -> None:
-    """Everything that the finished runs say; they play in other scenarios where it is told so."""
+def report(grid: Path, runs: Path, out: Path, scale: float, seeds_elsewhere: int = 0) -> None:
+    """Everything that the finished runs say; so many seeds of each play in other scenarios too."""
     points = read_grid(grid, runs)
     out.mkdir(parents=True, exist_ok=True)
-    rows, curves = add_finished(points, out, scale, elsewhere)
+    rows, curves = add_finished(points, out, scale, ELSEWHERE, seeds_elsewhere)
     labels = {point.run_dir.name: label_of(point.config) for point in points}
     order = list(labels)
     rows.sort(key=lambda row: order.index(row["policy"]))
@@ -294,13 +302,14 @@ def _main() -> None:
     )
     parser.add_argument(
         "--generalisation",
-        action="store_true",
-        help="let each run play 100 matches in every other scenario as well, two of them with 11 "
-        "players a side: some ten minutes a run",
+        type=int,
+        default=0,
+        metavar="SEEDS",
+        help="let so many seeds of each configuration play 100 matches in every other scenario as "
+        "well, two of them with 11 players a side: some ten minutes a run (default: none)",
     )
     options = parser.parse_args()
-    elsewhere = ELSEWHERE if options.generalisation else ()
-    report(options.grid, options.runs, options.out, options.scale, elsewhere)
+    report(options.grid, options.runs, options.out, options.scale, options.generalisation)
 
 
 if __name__ == "__main__":
