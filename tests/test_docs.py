@@ -18,6 +18,7 @@ from fbrl.cli import density, doctor, eval, plot, watch
 from fbrl.config import CHANGEABLE_ON_RESUME, PPOConfig, TrainConfig
 from fbrl.envs import OBSERVATION_SPACE, SCENARIOS
 from fbrl.envs.actions import ACTION_NAMES
+from fbrl.presets import PRESETS, preset_config
 from fbrl.transforms.players_table import PLAYER_FEATURES, PLAYERS_FEATURES, SINGLE_FEATURES
 
 DOCS = REPOSITORY / "docs"
@@ -38,6 +39,17 @@ def table(page: str, heading: str) -> list[list[str]]:
     lines = re.search(r"\n(\|.*?\n)\n", text, flags=re.DOTALL).group(1).splitlines()
     rows = [[cell.strip().strip("`") for cell in line.strip("|").split("|")] for line in lines]
     return rows[2:]
+
+
+def test_the_table_of_presets_has_every_value_in_which_they_differ():
+    configs = [preset_config(preset, "academy_3_vs_1_with_keeper") for preset in PRESETS]
+    values = [vars(config) | vars(config.ppo) for config in configs]
+    differing = {
+        f"--{name.replace('_', '-')}": [str(one[name]) for one in values]
+        for name in values[0]
+        if name != "ppo" and any(one[name] != values[0][name] for one in values)
+    }
+    assert {row[0]: row[1:] for row in table("learning.md", "## Presets")} == differing
 
 
 def test_the_table_of_scenarios_is_that_of_the_source():
