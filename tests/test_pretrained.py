@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from conftest import REPOSITORY
 
 import fbrl
 import fbrl.cli.eval
@@ -46,9 +47,11 @@ def test_an_agent_plays_as_well_as_its_card_says(name):
 def test_a_card_says_where_an_agent_comes_from_and_its_file_nothing_of_a_machine(name):
     card = read_card(name)
     assert card["scenario"] in SCENARIOS
-    assert name in (card["scenario"], f"{card['scenario']}_1m")
+    assert name in (card["scenario"], f"{card['scenario']}_{card['reward']}")
     assert card["episodes"] >= 1000
-    assert "StatsBomb" in card["credit"]
+    plain = ("--reward scoring", "--reward checkpoints")
+    densities = any(not any(reward in command for reward in plain) for command in card["commands"])
+    assert ("StatsBomb" in card["credit"]) == densities
     assert card["license"]
     assert all(command.startswith("fbrl-train academy_") for command in card["commands"])
     content = load_checkpoint(locate(f"pretrained:{name}"))
@@ -62,6 +65,14 @@ def test_a_card_says_where_an_agent_comes_from_and_its_file_nothing_of_a_machine
     assert (last.scenario, last.ppo, last.reward) == its
     assert last.observation == learned.observation
     assert card["frames"] >= content["frames"]
+
+
+def test_the_page_of_agents_has_what_their_cards_say():
+    page = (REPOSITORY / "docs" / "pretrained.md").read_text()
+    for name in pretrained_names():
+        card = read_card(name)
+        goals = f"{card['goal_difference']:.3f} [{card['low']:.3f}, {card['high']:.3f}]"
+        assert f"| `{name}` | {card['frames']:,} | {card['reward']} | {goals} |\n" in page
 
 
 def test_an_agent_is_named_in_the_place_of_a_run(run_main, tmp_path):

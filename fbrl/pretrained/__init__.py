@@ -20,8 +20,8 @@ _FOLDER = Path(__file__).parent
 def pretrained_names() -> tuple[str, ...]:
     """The agents that fbrl brings along.
 
-    Each is named for the scenario that it was trained on, and for its frames if they are more than
-    a million.
+    Each is named for the scenario that it was trained on, and those beside the one to begin with
+    for their reward too.
     """
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.pt")))
 
