@@ -28,9 +28,10 @@ grids:
     num-minibatches: 1
     eval-episodes: 2
     eval-pictures: false
-  one seed:
+  control:
     <<: *rewards
-    reward: checkpoints
+    reward: analytics
+    reward.density: uniform
     seed: 0
   not begun:
     scenario: academy_corner
@@ -42,6 +43,7 @@ def report():
     spec = importlib.util.spec_from_file_location("thesis_report", REPORT)
     module = importlib.util.module_from_spec(spec)
     before = list(sys.path)
+    sys.path.insert(0, str(REPORT.parent))  # as where it is run
     spec.loader.exec_module(module)
     yield module
     sys.path[:] = before
@@ -59,7 +61,7 @@ def runs(report, tmp_path_factory):
 
 
 def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "FIGURES", {"figure_6_1": ("academy_empty_goal_close",)})
+    monkeypatch.setattr("figures.FIGURES", {"figure_6_1": ("academy_empty_goal_close",)})
     monkeypatch.setattr(report, "THRESHOLD", -1)  # reached with the first match
     monkeypatch.setattr(report, "ELSEWHERE", ["academy_empty_goal"])
     grid, folder = runs
@@ -70,7 +72,8 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
         "results.csv",
         "curves.csv",
         "figure_6_1_light.png",
-        "curves_academy_empty_goal_close.png",
+        "curves_academy_empty_goal_close_light.png",
+        "controls_academy_empty_goal_close.png",
         "generalisation.png",
     }
     rows = read_csv_table(tmp_path / "out" / "results.csv").rows
@@ -83,10 +86,9 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
     assert "\n5 of 6 runs were finished.\n" in text
     assert "analytics" in text
     assert text.count("(one seed, no interval)") == 2
-    assert re.findall(r"\n\| (\w+, \w+) \| (\w+) \| (\d) \|", text) == [
-        (f"{reward}, light", mode, seeds)
-        for reward, seeds in {"analytics": "2", "scoring": "2", "checkpoints": "1"}.items()
-        for mode in ("sample", "greedy")
+    seeds = {"analytics, light": 2, "scoring, light": 2, "analytics, light, density uniform": 1}
+    assert re.findall(r"\n\| ([\w, ]+) \| (\w+) \| (\d) \|", text) == [
+        (label, mode, str(count)) for label, count in seeds.items() for mode in ("sample", "greedy")
     ]
     assert len(re.findall(r"\| [\d,]+; [\d,]+ \|\n", text)) == 4  # configurations and modes
     # What was played is kept, and the same when it is read again.
@@ -97,7 +99,7 @@ def test_every_figure_and_table_is_made_from_finished_runs(report, runs, tmp_pat
 
 
 def test_runs_whose_directories_are_gone_stay_in_the_report(report, runs, tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "FIGURES", {})
+    monkeypatch.setattr("figures.FIGURES", {})
     monkeypatch.setattr(report, "THRESHOLD", 2)  # reached in no match of this scenario
     grid, folder = runs
     report.report(grid, folder, tmp_path / "out", scale=0.004)
@@ -112,7 +114,7 @@ def test_runs_whose_directories_are_gone_stay_in_the_report(report, runs, tmp_pa
     kept, together = ({(row["policy"], row["mode"]): row for row in table} for table in rows)
     assert kept == together
     assert (tmp_path / "kept" / "results.md").read_text().count("| never; never |\n") == 4
-    assert (tmp_path / "kept" / "curves_academy_empty_goal_close.png").is_file()
+    assert (tmp_path / "kept" / "curves_academy_empty_goal_close_light.png").is_file()
 
 
 def test_a_run_that_the_grid_does_not_have_is_refused(report, runs, tmp_path):
@@ -129,5 +131,5 @@ def test_the_grid_of_the_thesis_is_one(report, tmp_path):
     path = tmp_path / "grid.yaml"
     path.write_text(yaml.safe_dump(grids))
     points = report.read_grid(path, tmp_path / "runs")
-    for scenarios in report.FIGURES.values():
+    for scenarios in sys.modules["figures"].FIGURES.values():
         assert {point.config.scenario for point in points} >= set(scenarios)

@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,14 +22,13 @@ import torch
 # The grid's reader is the sweep's.
 sys.path.append(str(Path(__file__).parents[1] / "sweep"))
 
+from figures import draw_controls, draw_generalisation, draw_rewards, uncontrolled
 from grid import Point, read_grid
 
 from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until, read_run_log
 from fbrl.analysis.seed_statistics import interquartile_mean, probability_of_improvement
-from fbrl.cli.plot import main as plot
 from fbrl.components import REWARDS
 from fbrl.config import TrainConfig
-from fbrl.config_json import config_to_dict
 from fbrl.evaluation.comparison import (
     EvaluatedPolicy,
     Row,
@@ -44,8 +41,8 @@ from fbrl.files.atomic_write import atomic_write
 from fbrl.files.csv_table import as_number, read_csv_table, write_csv_table
 from fbrl.policy_names import MODES
 from fbrl.presets import nearest_preset
-from fbrl.run_files import CONFIG_NAME, FRAMES, METRICS_NAME
-from fbrl.scenarios import SCENARIO_GROUPS, SCENARIOS
+from fbrl.run_files import FRAMES
+from fbrl.scenarios import SCENARIO_GROUPS
 
 GRID = Path(__file__).with_name("grid.yaml")
 RESULTS, CURVES = "results.csv", "curves.csv"
@@ -58,24 +55,19 @@ SEED = 1000
 """Of the fresh matches: no training's."""
 
 REFERENCE = "analytics"
-"""The reward that others are compared with, in the same preset."""
+"""The reward that others are compared with, in the same preset; a control with its own reward."""
+REFERENCES = (
+    f"The reference is {REFERENCE} in the same preset; of a control it is its own reward as it is."
+)
 PLAY = ("passes", "shots")
 """Of a match, told beside the goals."""
 COLUMNS = [
     "configuration", "mode", "seeds", "mean", "interquartile mean [95 %]",
-    f"{REFERENCE} is better [95 %]", *PLAY, f"frames until {THRESHOLD:g}, each seed",
+    "reference is better [95 %]", *PLAY, f"frames until {THRESHOLD:g}, each seed",
 ]  # fmt: skip
 
 ELSEWHERE = (*SCENARIO_GROUPS["all-academy"], "11_vs_11_easy_stochastic", "11_vs_11_stochastic")
 """Where agents play beside the scenario that they were trained on."""
-
-FIGURES = {
-    "figure_6_1": ("academy_3_vs_1_with_keeper", "academy_counterattack_easy",
-                   "academy_counterattack_hard"),
-    "figure_6_2": ("11_vs_11_stochastic",),
-    "figure_6_3": ("11_vs_11_easy_stochastic",),
-}  # fmt: skip
-"""Those of the thesis, each drawn once for a preset, and the scenarios that they show."""
 
 
 def matches_of(
@@ -167,66 +159,6 @@ def read_rows(path: Path) -> list[Row]:
     return list(read_csv_table(path).rows) if path.is_file() else []
 
 
-def draw_curves(points: Sequence[Point], curves: Sequence[Row], path: Path) -> None:
-    """Draws the learning curves of one scenario, from logs made of the table."""
-    with tempfile.TemporaryDirectory() as folder:
-        logs = [Path(folder, point.run_dir.name) for point in points]
-        for point, log in zip(points, logs, strict=True):
-            log.mkdir()
-            config = json.dumps(config_to_dict(point.config))
-            (log / CONFIG_NAME).write_text(config, encoding="utf-8")
-            own = [row for row in curves if row["policy"] == log.name]
-            own = [{name: row[name] for name in (FRAMES, GOAL_DIFFERENCE)} for row in own]
-            write_csv_table(log / METRICS_NAME, own)
-        draw(["curves", *map(str, logs), "--out", str(path)])
-
-
-def draw_bars(rows: Sequence[Row], path: Path) -> None:
-    """Draws what agents reached where they were trained, beside the thesis's published numbers."""
-    with tempfile.TemporaryDirectory() as folder:
-        table = Path(folder, "results.csv")
-        write_csv_table(table, rows)
-        draw(["bars", str(table), "--reference", "thesis", "--out", str(path)])
-
-
-def draw_generalisation(rows: Sequence[Row], path: Path) -> None:
-    """A heat map of mean goal differences: trained on, played on."""
-    from fbrl.figures.files import save_figure
-    from fbrl.figures.style import new_figure, set_labels
-
-    played = [name for name in SCENARIOS if any(row["scenario"] == name for row in rows)]
-    agents = sorted({(row["trained_on"], row["configuration"]) for row in rows})
-    means = np.full((len(agents), len(played)), np.nan)
-    for i, agent in enumerate(agents):
-        for j, scenario in enumerate(played):
-            found = [
-                row["goal_difference"]
-                for row in rows
-                if (row["trained_on"], row["configuration"]) == agent
-                and (row["scenario"], row["mode"]) == (scenario, "sample")
-            ]
-            means[i, j] = np.mean(found) if found else np.nan
-    figure, axes = new_figure(1.0 * len(played) + 5, 0.4 * len(agents) + 3)
-    axes.grid(visible=False)
-    image = axes.imshow(means, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
-    axes.set_xticks(range(len(played)), played, rotation=40, ha="right")
-    axes.set_yticks(range(len(agents)), [f"{where}: {label}" for where, label in agents])
-    for (i, j), value in np.ndenumerate(means):
-        axes.text(j, i, f"{value:.2f}", ha="center", va="center")
-    figure.colorbar(image, ax=axes, label="goal difference")
-    set_labels(axes, "Trained on (rows), played on (columns)", "", "")
-    save_figure(figure, path)
-
-
-def draw(arguments: Sequence[str]) -> None:
-    """Has fbrl-plot draw."""
-    try:
-        plot(arguments)
-    except SystemExit as end:
-        if end.code:
-            raise
-
-
 def label_of(config: TrainConfig) -> str:
     """What tells a configuration from others, in any scenario."""
     options = REWARDS.without_defaults(config.reward, config.reward_options)
@@ -246,9 +178,10 @@ def tell_scenario(scenario: str, rows: Sequence[Row]) -> list[str]:
         ours = scores[label, mode]
         reached = sorted(int(row[UNTIL]) for row in own if row[UNTIL])
         until = [f"{frames:,}" for frames in reached] + ["never"] * (len(own) - len(reached))
-        plain = (f"{REFERENCE}, {own[0]['preset']}", mode)
-        compared = plain[0] != label and min(len(ours), len(scores.get(plain, ()))) > 1
-        better = probability_of_improvement(scores[plain], ours) if compared else ""
+        plain = uncontrolled(label)
+        reference = (f"{REFERENCE}, {own[0]['preset']}" if label == plain else plain, mode)
+        compared = reference[0] != label and min(len(ours), len(scores.get(reference, ()))) > 1
+        better = probability_of_improvement(scores[reference], ours) if compared else ""
         middle, play_of = interquartile_mean(ours), (f"{mean_of(own, name):.2f}" for name in PLAY)
         cells = [label, mode, str(len(own)), f"{np.mean(ours):.3f}", str(middle), str(better)]
         table.append([*cells, *play_of, "; ".join(until)])
@@ -273,23 +206,18 @@ def report(grid: Path, runs: Path, out: Path, scale: float, seeds_elsewhere: int
         row["goal_difference"] = as_number(row["goal_difference"])
     finished = [p for p in points if any(row["policy"] == p.run_dir.name for row in rows)]
     print(f"{len(finished)} of {len(points)} runs are finished.")
-    lines = ["# Results", "", f"{len(finished)} of {len(points)} runs were finished.", ""]
+    told = f"{len(finished)} of {len(points)} runs were finished."
+    lines = ["# Results", "", told, "", REFERENCES, ""]
     for scenario in dict.fromkeys(point.config.scenario for point in finished):
         lines += tell_scenario(scenario, rows)
-        own = [point for point in finished if point.config.scenario == scenario]
-        draw_curves(own, curves, out / f"curves_{scenario}.png")
     with atomic_write(out / "results.md") as file:
         file.write("\n".join(lines).encode())
     if not rows:
         return
     write_csv_table(out / RESULTS, rows)
-    for name, scenarios in FIGURES.items():
-        shown = [row for row in rows if row["trained_on"] in scenarios]
-        for preset in dict.fromkeys(row["preset"] for row in shown):
-            own = [row for row in shown if row["preset"] == preset]
-            draw_bars(own, out / f"{name}_{preset}.png")
-    if any(row["scenario"] != row["trained_on"] for row in rows):
-        draw_generalisation(rows, out / "generalisation.png")
+    draw_rewards(finished, rows, curves, out)
+    draw_controls(rows, out)
+    draw_generalisation(rows, out)
 
 
 def _main() -> None:
