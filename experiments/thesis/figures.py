@@ -12,11 +12,14 @@ from grid import Point
 
 from fbrl.analysis.run_log import GOAL_DIFFERENCE
 from fbrl.cli.plot import main as plot
+from fbrl.components import REWARDS
+from fbrl.config import TrainConfig
 from fbrl.config_json import config_to_dict
 from fbrl.evaluation.comparison import Row
 from fbrl.figures.files import save_figure
 from fbrl.figures.style import new_figure, set_labels
 from fbrl.files.csv_table import write_csv_table
+from fbrl.presets import nearest_preset
 from fbrl.run_files import CONFIG_NAME, FRAMES, METRICS_NAME
 from fbrl.scenarios import SCENARIOS
 
@@ -27,6 +30,13 @@ FIGURES = {
     "figure_6_3": ("11_vs_11_easy_stochastic",),
 }  # fmt: skip
 """Those of the thesis, each drawn once for a preset, and the scenarios that they show."""
+
+
+def label_of(config: TrainConfig) -> str:
+    """What tells a configuration from others, in any scenario."""
+    options = REWARDS.without_defaults(config.reward, config.reward_options)
+    departures = (f"{name} {value}" for name, value in options.items())
+    return ", ".join([config.reward, nearest_preset(config), *departures])
 
 
 def uncontrolled(label: str) -> str:
@@ -54,11 +64,10 @@ def draw_controls(rows: Sequence[Row], out: Path) -> None:
     """Rewards whose controls have been trained, beside these, for each scenario."""
     for scenario in dict.fromkeys(row["trained_on"] for row in rows):
         own = [row for row in rows if row["trained_on"] == scenario]
-        controls = {row["configuration"] for row in own}
-        controls = {label for label in controls if label != uncontrolled(label)}
-        shown = controls | {uncontrolled(label) for label in controls}
-        if controls:
-            its = [row for row in own if row["configuration"] in shown]
+        labels = {row["configuration"] for row in own}
+        controlled = {uncontrolled(label) for label in labels if label != uncontrolled(label)}
+        if controlled:
+            its = [row for row in own if uncontrolled(row["configuration"]) in controlled]
             draw_bars(its, out / f"controls_{scenario}.png")
 
 

@@ -22,13 +22,11 @@ import torch
 # The grid's reader is the sweep's.
 sys.path.append(str(Path(__file__).parents[1] / "sweep"))
 
-from figures import draw_controls, draw_generalisation, draw_rewards, uncontrolled
+from figures import draw_controls, draw_generalisation, draw_rewards, label_of, uncontrolled
 from grid import Point, read_grid
 
 from fbrl.analysis.run_log import GOAL_DIFFERENCE, RunLog, frames_until, read_run_log
 from fbrl.analysis.seed_statistics import interquartile_mean, probability_of_improvement
-from fbrl.components import REWARDS
-from fbrl.config import TrainConfig
 from fbrl.evaluation.comparison import (
     EvaluatedPolicy,
     Row,
@@ -40,7 +38,6 @@ from fbrl.evaluation.evaluation import Evaluation
 from fbrl.files.atomic_write import atomic_write
 from fbrl.files.csv_table import as_number, read_csv_table, write_csv_table
 from fbrl.policy_names import MODES
-from fbrl.presets import nearest_preset
 from fbrl.run_files import FRAMES
 from fbrl.scenarios import SCENARIO_GROUPS
 
@@ -56,9 +53,6 @@ SEED = 1000
 
 REFERENCE = "analytics"
 """The reward that others are compared with, in the same preset; a control with its own reward."""
-REFERENCES = (
-    f"The reference is {REFERENCE} in the same preset; of a control it is its own reward as it is."
-)
 PLAY = ("passes", "shots")
 """Of a match, told beside the goals."""
 COLUMNS = [
@@ -117,12 +111,12 @@ def curve_of(log: RunLog) -> list[Row]:
 
 
 def add_finished(
-    points: Sequence[Point], out: Path, scale: float, elsewhere: Sequence[str], seeds: int
+    points: Sequence[Point], out: Path, scale: float, seeds_elsewhere: int
 ) -> tuple[list[Row], list[Row]]:
     """Adds what has been finished since to the tables of results and of curves; returns both.
 
-    What is there stays, also of runs whose directories are gone. So many ``seeds`` of each
-    configuration play ``elsewhere`` too.
+    What is there stays, also of runs whose directories are gone. So many seeds of each
+    configuration play elsewhere too.
     """
     results, curves = (read_rows(out / name) for name in (RESULTS, CURVES))
     strangers = {row["policy"] for row in results} - {point.run_dir.name for point in points}
@@ -132,12 +126,12 @@ def add_finished(
     travelled: Counter[tuple[str, str]] = Counter()
     for point in points:
         name, run_dir = point.run_dir.name, point.run_dir
-        if not point.is_finished():
-            continue
         configuration = (point.config.scenario, label_of(point.config))
-        travelled[configuration] += 1
-        away = elsewhere if travelled[configuration] <= seeds else ()
+        away = ELSEWHERE if travelled[configuration] < seeds_elsewhere else ()
         wanted = [one for one in wanted_of(point, away) if (name, *one[:2]) not in known]
+        if wanted and not point.is_finished():
+            continue
+        travelled[configuration] += 1
         if not wanted:
             continue
         log = read_run_log(run_dir)
@@ -157,13 +151,6 @@ def add_finished(
 def read_rows(path: Path) -> list[Row]:
     """The rows of a table, none if there is no such file."""
     return list(read_csv_table(path).rows) if path.is_file() else []
-
-
-def label_of(config: TrainConfig) -> str:
-    """What tells a configuration from others, in any scenario."""
-    options = REWARDS.without_defaults(config.reward, config.reward_options)
-    departures = (f"{name} {value}" for name, value in options.items())
-    return ", ".join([config.reward, nearest_preset(config), *departures])
 
 
 def tell_scenario(scenario: str, rows: Sequence[Row]) -> list[str]:
@@ -197,7 +184,7 @@ def report(grid: Path, runs: Path, out: Path, scale: float, seeds_elsewhere: int
     """Everything that the finished runs say; so many seeds of each play in other scenarios too."""
     points = read_grid(grid, runs)
     out.mkdir(parents=True, exist_ok=True)
-    rows, curves = add_finished(points, out, scale, ELSEWHERE, seeds_elsewhere)
+    rows, curves = add_finished(points, out, scale, seeds_elsewhere)
     labels = {point.run_dir.name: label_of(point.config) for point in points}
     order = list(labels)
     rows.sort(key=lambda row: order.index(row["policy"]))
@@ -207,7 +194,8 @@ def report(grid: Path, runs: Path, out: Path, scale: float, seeds_elsewhere: int
     finished = [p for p in points if any(row["policy"] == p.run_dir.name for row in rows)]
     print(f"{len(finished)} of {len(points)} runs are finished.")
     told = f"{len(finished)} of {len(points)} runs were finished."
-    lines = ["# Results", "", told, "", REFERENCES, ""]
+    compared = f"The reference is {REFERENCE} in the same preset; of a control it is its own reward"
+    lines = ["# Results", "", told, "", f"{compared} as it is.", ""]
     for scenario in dict.fromkeys(point.config.scenario for point in finished):
         lines += tell_scenario(scenario, rows)
     with atomic_write(out / "results.md") as file:
